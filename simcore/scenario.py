@@ -1,0 +1,333 @@
+"""The frozen, validated description of one insertion: JSON in, JSON out. The only place where a default stands.
+
+Each field's description ends with the tag of its default: [paper] Perrusi et al. 2021, [cited] a published source,
+[ours] our choice because no source states it. A default never changes within a schema version.
+"""
+
+from __future__ import annotations
+
+import json
+import math
+from typing import Annotated, Any, Literal, Self
+
+import numpy as np
+from pydantic import BaseModel, ConfigDict, Field, StringConstraints, ValidationError, model_validator
+
+from simcore.errors import Problem, ScenarioError
+from simcore.trajectory import Path, step_count
+
+SCHEMA: Literal["needlebench/scenario/1"] = "needlebench/scenario/1"
+MINIMUM_SPACING_MM = 5.0
+STAND_OFF_MM = 20.0
+MAXIMUM_CELLS = 200_000
+MAXIMUM_STEPS = 1_000_000
+
+Number = Annotated[float, Field(strict=True, allow_inf_nan=False)]
+Triple = tuple[Number, Number, Number]
+Face = Literal["x_min", "x_max", "y_min", "y_max", "z_max"]
+
+
+class Block(BaseModel):
+    """Common rules: frozen, unknown fields refused."""
+
+    model_config = ConfigDict(extra="forbid", frozen=True, hide_input_in_errors=True)
+
+
+def bounded(default: float, low: float, high: float, text: str) -> Any:
+    """A number field with its inclusive range."""
+    return Field(default=default, ge=low, le=high, description=f"{text}; {low:g} to {high:g}")
+
+
+class Tissue(Block):
+    """Soft-tissue block [0, size] with linear co-rotational elasticity; its face z = 0 is the entry face."""
+
+    size_mm: tuple[
+        Annotated[Number, Field(ge=10, le=500)],
+        Annotated[Number, Field(ge=10, le=500)],
+        Annotated[Number, Field(ge=10, le=500)],
+    ] = Field(default=(36.0, 62.0, 122.0), description="edges x, y, z, each 10 to 500 [paper]")
+    element_size_mm: Number = bounded(6.0, 1.0, 50.0, "edge of a cell of six tetrahedra [ours]")
+    young_kpa: Number = bounded(6.3, 0.1, 1000.0, "Young's modulus [paper]")
+    poisson: Number = bounded(0.4, 0.0, 0.49, "Poisson's ratio [paper]")
+    density_kg_m3: Number = bounded(0.0, 0.0, 20_000.0, "mass density; 0 = quasi-static [ours]; tissue 1000 [cited]")
+    rayleigh_mass_per_s: Number = bounded(0.0, 0.0, 1000.0, "alpha of the damping C = alpha M + beta K [ours]")
+    rayleigh_stiffness_s: Number = bounded(0.0, 0.0, 10.0, "beta of the damping C = alpha M + beta K [ours]")
+    fixed_faces: tuple[Face, ...] = Field(
+        default=("y_min", "y_max"),
+        min_length=1,
+        description="faces held still, among x_min, x_max, y_min, y_max, z_max (not the entry face); at least one [ours]",
+    )
+
+    @property
+    def cells(self) -> tuple[int, int, int]:
+        """Cells along x, y, z: round(size / element_size), at least 1."""
+        x, y, z = (max(1, round(edge / self.element_size_mm)) for edge in self.size_mm)
+        return x, y, z
+
+
+class Needle(Block):
+    """Straight elastic tube; the base is held by the robot."""
+
+    length_mm: Number = bounded(180.0, 20.0, 1000.0, "base to tip [ours]")
+    outer_diameter_mm: Number = bounded(1.27, 0.1, 5.0, "18G [cited]")
+    inner_diameter_mm: Number = bounded(0.838, 0.0, 5.0, "18G [cited]; below the outer diameter, 0 = solid")
+    young_gpa: Number = bounded(200.0, 0.1, 500.0, "Young's modulus, stainless steel [cited]")
+    poisson: Number = bounded(0.29, 0.0, 0.49, "Poisson's ratio, stainless steel [cited]")
+    elements: Annotated[int, Field(strict=True)] = Field(default=20, ge=2, le=200, description="beams; 2 to 200 [ours]")
+
+
+class Interaction(Block):
+    """Forces between needle and tissue."""
+
+    spacing_mm: Number | None = Field(
+        default=None,
+        ge=MINIMUM_SPACING_MM,
+        le=50.0,
+        description="rest distance of shaft constraint points; element size to 50, at least 5; default max(5, element size) [ours]",
+    )
+    spread_mm: Number = bounded(4.0, 0.0, 20.0, "radius of the ball over which a point force is spread, 0 = bare point [ours]")
+    friction: Number = bounded(0.1, 0.0, 1.0, "Coulomb coefficient; above 0.3 with a warning [ours]")
+    adhesion_n_per_mm: Number = bounded(0.01, 0.0, 1.0, "shaft force per inserted length, without pressure [cited, weak]")
+    cutting_n: Number = bounded(0.1, 0.0, 10.0, "axial force at which the tip cuts [ours]")
+    puncture_n: Number = bounded(0.1, 0.0, 10.0, "normal force at which the surface is punctured [ours]")
+
+
+class StraightTrajectory(Block):
+    """A target that slides along a straight line."""
+
+    kind: Literal["line"] = "line"
+    entry_mm: Triple = Field(default=(18.0, 31.0, 0.0), description="on the face z = 0, inside its edges [ours]")
+    target_mm: Triple = Field(default=(18.0, 31.0, 122.0), description="inside the block, below the entry [paper: z = 122]")
+    speed_mm_s: Number = bounded(10.0, 0.1, 1000.0, "speed of the target along the path [paper]")
+    frame: Literal["world", "tissue"] = Field(
+        default="world", description="world = path fixed in space, tissue = path carried by the deforming tissue [ours]"
+    )
+
+    def path(self) -> Path:
+        """The path in rest space, metres."""
+        return Path(np.array(self.entry_mm) * 1e-3, np.array(self.target_mm) * 1e-3)
+
+
+class SineTrajectory(StraightTrajectory):
+    """The straight line with a sine overlay across it."""
+
+    kind: Literal["sine"] = "sine"  # type: ignore[assignment]
+    amplitude_mm: Number = bounded(1.0, 0.0, 20.0, "amplitude of the overlay [ours]")
+    periods: Number = bounded(1.0, 0.1, 10.0, "periods over the whole path [paper: one]")
+    direction: Triple = Field(default=(1.0, 0.0, 0.0), description="world vector, made perpendicular to the path [paper: +-x, +-y]")
+
+    def path(self) -> Path:
+        """The path in rest space, metres."""
+        return Path(
+            np.array(self.entry_mm) * 1e-3,
+            np.array(self.target_mm) * 1e-3,
+            self.amplitude_mm * 1e-3,
+            self.periods,
+            np.array(self.direction),
+        )
+
+
+class Robot(Block):
+    """Speed limits of the end-effector; a limited command is scaled by one factor for the whole twist."""
+
+    max_speed_mm_s: Number = bounded(50.0, 0.1, 1000.0, "translation [ours]")
+    max_turn_deg_s: Number = bounded(30.0, 0.1, 3600.0, "rotation [ours]")
+
+
+class InverseFem(Block):
+    """Inverse finite element controller: T = X - J^+ (k o e), objectives tip and remote centre of motion [paper]."""
+
+    kind: Literal["ifem"] = "ifem"
+    gain: Number = bounded(1.0, 0.0, 2.0, "k of the three tip objectives [ours]")
+    rcm_gain: Number = bounded(1.0, 0.0, 2.0, "k of the two remote-centre objectives; 0 = rows left out [ours]")
+    damping: Number = bounded(0.05, 0.0, 10.0, "d of J^T (J J^T + d^2 I)^-1, dimensionless [ours]")
+    lever_arm_mm: Number = bounded(100.0, 1.0, 1000.0, "length that makes rotations comparable with translations [ours]")
+
+
+class Replay(Block):
+    """Prescribed base poses, one a step, not filtered by the robot limits."""
+
+    kind: Literal["replay"] = "replay"
+    poses: tuple[tuple[Number, Number, Number, Number, Number, Number, Number], ...] = Field(
+        min_length=1,
+        max_length=MAXIMUM_STEPS,
+        description="[x_mm, y_mm, z_mm, qw, qx, qy, qz] of the base; identity = needle along +z, tip at base + length z",
+    )
+
+
+class OpenLoop(Block):
+    """The rigid needle's motion along the straight line from entry to target; no feedback."""
+
+    kind: Literal["open_loop"] = "open_loop"
+
+
+class Solver(Block):
+    """When a coupled step counts as converged. Results must not depend on it: see the convergence tests."""
+
+    force_tolerance_n: Number = bounded(1e-5, 1e-12, 1e-2, "largest nodal force residual [ours]")
+    violation_tolerance_mm: Number = bounded(1e-5, 1e-10, 1e-1, "largest constraint violation [ours]")
+    max_iterations: Annotated[int, Field(strict=True)] = Field(
+        default=60, ge=1, le=10_000, description="iterations of a step before it is a failure; 1 to 10000 [ours]"
+    )
+
+
+class Recording(Block):
+    """What is kept for looking at; it never changes the simulation."""
+
+    enabled: Annotated[bool, Field(strict=True)] = Field(default=True, description="write recording.rrd and tissue frames")
+    every_steps: Annotated[int, Field(strict=True)] = Field(
+        default=10, ge=1, le=10_000, description="steps between two tissue frames; 1 to 10000 [ours]"
+    )
+
+
+Trajectory = Annotated[StraightTrajectory | SineTrajectory, Field(discriminator="kind")]
+Controller = Annotated[InverseFem | Replay | OpenLoop, Field(discriminator="kind")]
+Name = Annotated[str, StringConstraints(min_length=1, max_length=100, pattern=r"^[\w .,:+()/-]+$")]
+
+
+class Scenario(Block):
+    """One insertion. `Scenario.load` turns any JSON value into one, or says what is wrong with it."""
+
+    model_config = ConfigDict(extra="forbid", frozen=True, hide_input_in_errors=True, serialize_by_alias=True)
+
+    schema_id: Literal["needlebench/scenario/1"] = Field(default=SCHEMA, alias="schema", description="version of this format")
+    name: Name = Field(default="unnamed", description="1 to 100 letters, digits, spaces and . , : + ( ) / - _")
+    seed: Annotated[int, Field(strict=True)] = Field(default=0, ge=0, le=2**53 - 1, description="0 to 2^53 - 1")
+    dt_s: Number = bounded(0.01, 1e-4, 0.1, "time step [ours]")
+    noise_mm: Number = bounded(0.0, 0.0, 5.0, "uniform noise of the target per axis, redrawn every 10 ms [paper: 0.25 in training]")
+    tissue: Tissue = Tissue()
+    needle: Needle = Needle()
+    interaction: Interaction = Interaction()
+    trajectory: Trajectory = StraightTrajectory()
+    robot: Robot = Robot()
+    controller: Controller = InverseFem()
+    solver: Solver = Solver()
+    recording: Recording = Recording()
+
+    @model_validator(mode="before")
+    @classmethod
+    def _default_kinds(cls, data: Any) -> Any:
+        """A block without a kind is of the default kind."""
+        if not isinstance(data, dict):
+            return data
+        kinds = {"trajectory": "line", "controller": "ifem"}
+        absent = {k: v for k, v in kinds.items() if isinstance(data.get(k), dict) and "kind" not in data[k]}
+        return {**data, **{block: {"kind": kind, **data[block]} for block, kind in absent.items()}}
+
+    @model_validator(mode="after")
+    def _consistent(self) -> Self:
+        if self.interaction.spacing_mm is None:
+            spacing = max(MINIMUM_SPACING_MM, self.tissue.element_size_mm)
+            object.__setattr__(self, "interaction", self.interaction.model_copy(update={"spacing_mm": spacing}))
+        problems = [*_needle_problems(self), *_tissue_problems(self), *_path_problems(self), *_pose_problems(self)]
+        if problems:
+            raise ScenarioError(problems)
+        return self
+
+    @classmethod
+    def load(cls, data: Any) -> Scenario:
+        """Validate a JSON value (dict) or a JSON text. Raises ScenarioError, which names every wrong field."""
+        from simcore.validation import problems_of
+
+        try:
+            text = data if isinstance(data, str | bytes) else json.dumps(data)
+            return cls.model_validate_json(text)
+        except ValidationError as error:
+            raise ScenarioError(problems_of(error, cls, text)) from None
+        except (TypeError, ValueError, RecursionError) as error:
+            if isinstance(error, ScenarioError):
+                raise
+            raise ScenarioError([Problem("scenario", type(data).__name__, f"is not JSON: {error}")]) from None
+
+    def resolved(self) -> dict[str, Any]:
+        """Every field with its value, as JSON data."""
+        data: dict[str, Any] = self.model_dump(mode="json", by_alias=True)
+        return data
+
+    def path(self) -> Path:
+        """The path in rest space, metres."""
+        return self.trajectory.path()
+
+    @property
+    def steps(self) -> int:
+        """Number of steps: the replay's poses, or ceil(path length / (speed dt))."""
+        if isinstance(self.controller, Replay):
+            return len(self.controller.poses)
+        return step_count(self.path().length_m, self.trajectory.speed_mm_s * 1e-3, self.dt_s)
+
+    def warnings(self) -> list[str]:
+        """What is allowed but unusual."""
+        if self.interaction.friction > 0.3:
+            return [f"interaction.friction = {self.interaction.friction}: above 0.3 the friction law is far from associated"]
+        return []
+
+
+def _needle_problems(s: Scenario) -> list[Problem]:
+    problems = []
+    needle, spacing = s.needle, s.interaction.spacing_mm
+    if needle.inner_diameter_mm >= needle.outer_diameter_mm:
+        allowed = f"must be below needle.outer_diameter_mm = {needle.outer_diameter_mm:g}"
+        problems.append(Problem("needle.inner_diameter_mm", needle.inner_diameter_mm, allowed))
+    length = math.dist(s.trajectory.entry_mm, s.trajectory.target_mm)
+    if needle.length_mm < length + STAND_OFF_MM:
+        allowed = f"must be at least {length + STAND_OFF_MM:.6g} (path {length:.6g} plus stand-off {STAND_OFF_MM:g})"
+        problems.append(Problem("needle.length_mm", needle.length_mm, allowed))
+    if spacing is not None and spacing < s.tissue.element_size_mm:
+        allowed = f"must be at least tissue.element_size_mm = {s.tissue.element_size_mm:g}: closer rows lock"
+        problems.append(Problem("interaction.spacing_mm", spacing, allowed))
+    return problems
+
+
+def _tissue_problems(s: Scenario) -> list[Problem]:
+    problems = []
+    if len(set(s.tissue.fixed_faces)) < len(s.tissue.fixed_faces):
+        problems.append(Problem("tissue.fixed_faces", list(s.tissue.fixed_faces), "must name each face once"))
+    if math.prod(s.tissue.cells) > MAXIMUM_CELLS:
+        allowed = f"gives {math.prod(s.tissue.cells)} cells, at most {MAXIMUM_CELLS} are allowed"
+        problems.append(Problem("tissue.element_size_mm", s.tissue.element_size_mm, allowed))
+    return problems
+
+
+def _path_problems(s: Scenario) -> list[Problem]:
+    path, size = s.trajectory, s.tissue.size_mm
+    x, y, z = path.entry_mm
+    if z != 0.0 or not (0.0 < x < size[0] and 0.0 < y < size[1]):
+        allowed = f"must lie on the face z = 0, inside 0 < x < {size[0]:g}, 0 < y < {size[1]:g}"
+        return [Problem("trajectory.entry_mm", list(path.entry_mm), allowed)]
+    tx, ty, tz = path.target_mm
+    if not (0.0 < tx < size[0] and 0.0 < ty < size[1] and 0.0 < tz <= size[2]):
+        allowed = f"must lie below the entry, inside 0 < x < {size[0]:g}, 0 < y < {size[1]:g}, 0 < z <= {size[2]:g}"
+        return [Problem("trajectory.target_mm", list(path.target_mm), allowed)]
+    return _overlay_problems(s) or _step_problems(s)
+
+
+def _overlay_problems(s: Scenario) -> list[Problem]:
+    path = s.trajectory
+    if not isinstance(path, SineTrajectory):
+        return []
+    chord = np.subtract(path.target_mm, path.entry_mm)
+    if np.linalg.norm(np.cross(path.direction, chord)) <= 1e-9 * np.linalg.norm(chord):
+        return [Problem("trajectory.direction", list(path.direction), "must be a vector across the path, neither zero nor along it")]
+    points = path.path().curve(np.linspace(0.0, 1.0, 1001))
+    low, high = points.min(axis=0), points.max(axis=0)
+    if (low < -1e-12).any() or (high > np.array(s.tissue.size_mm) * 1e-3 + 1e-12).any():
+        return [Problem("trajectory.amplitude_mm", path.amplitude_mm, "must keep the whole path inside the block")]
+    return []
+
+
+def _step_problems(s: Scenario) -> list[Problem]:
+    if s.steps <= MAXIMUM_STEPS:
+        return []
+    return [Problem("dt_s", s.dt_s, f"gives {s.steps} steps, at most {MAXIMUM_STEPS} are allowed")]
+
+
+def _pose_problems(s: Scenario) -> list[Problem]:
+    if not isinstance(s.controller, Replay):
+        return []
+    for i, pose in enumerate(s.controller.poses):
+        norm = math.hypot(*pose[3:])
+        if abs(norm - 1.0) > 1e-3:
+            return [Problem(f"controller.poses[{i}]", list(pose), f"must hold a unit quaternion qw, qx, qy, qz; its norm is {norm:.6g}")]
+        if max(abs(c) for c in pose[:3]) > 10_000.0:
+            return [Problem(f"controller.poses[{i}]", list(pose), "must lie within +-10000 mm")]
+    return []

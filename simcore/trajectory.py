@@ -1,0 +1,143 @@
+"""The path that the tip is asked to follow, and the moving target on it (PHYSICS section 5 of the model).
+
+A path is `entry + u (end - entry) + A sin(2 pi n u) d`, u in [0, 1]; a line has A = 0. The target slides along it
+by arc length at constant speed.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+Vector = NDArray[np.float64]
+
+_PANELS = 512
+_NODES, _WEIGHTS = np.polynomial.legendre.leggauss(6)
+
+
+@dataclass(frozen=True)
+class Path:
+    """A straight chord with an optional sine overlay.
+
+    entry_m, end_m: (3,) m, rest space. direction: (3,), any length, made perpendicular to the chord.
+    """
+
+    entry_m: Vector
+    end_m: Vector
+    amplitude_m: float = 0.0
+    periods: float = 1.0
+    direction: Vector | None = None
+
+    @cached_property
+    def overlay(self) -> Vector:
+        """(3,) unit vector of the overlay, perpendicular to the chord; zero for a straight path."""
+        if self.amplitude_m == 0.0 or self.direction is None:
+            return np.zeros(3)
+        axis = self.chord / np.linalg.norm(self.chord)
+        across = self.direction - (self.direction @ axis) * axis
+        return across / np.linalg.norm(across)
+
+    @property
+    def chord(self) -> Vector:
+        return self.end_m - self.entry_m
+
+    @property
+    def is_straight(self) -> bool:
+        return self.amplitude_m == 0.0
+
+    def curve(self, u: Vector) -> Vector:
+        """Points (n, 3) m at the parameters u (n,) in [0, 1]."""
+        u = np.atleast_1d(np.asarray(u, dtype=float))
+        wave = self.amplitude_m * np.sin(2 * np.pi * self.periods * u)
+        return self.entry_m + u[:, None] * self.chord + wave[:, None] * self.overlay
+
+    def derivative(self, u: Vector) -> Vector:
+        """d curve / du (n, 3) m at the parameters u (n,)."""
+        u = np.atleast_1d(np.asarray(u, dtype=float))
+        k = 2 * np.pi * self.periods
+        slope = self.amplitude_m * k * np.cos(k * u)
+        return self.chord + slope[:, None] * self.overlay
+
+    @cached_property
+    def _table(self) -> tuple[Vector, Vector]:
+        """Panel ends u (p + 1,) and the arc length up to each, by Gauss-Legendre quadrature."""
+        u = np.linspace(0.0, 1.0, _PANELS + 1)
+        half = 0.5 / _PANELS
+        middles = u[:-1] + half
+        points = (middles[:, None] + half * _NODES).ravel()
+        speeds = np.linalg.norm(self.derivative(points), axis=1).reshape(_PANELS, -1)
+        return u, np.concatenate([[0.0], np.cumsum(half * speeds @ _WEIGHTS)])
+
+    @cached_property
+    def length_m(self) -> float:
+        """Arc length of the whole path, m."""
+        if self.is_straight:
+            return float(np.linalg.norm(self.chord))
+        return float(self._table[1][-1])
+
+    def parameter(self, s_m: Vector) -> Vector:
+        """u (n,) at the arc lengths s_m (n,), clipped to the path."""
+        s_m = np.clip(np.atleast_1d(np.asarray(s_m, dtype=float)), 0.0, self.length_m)
+        if self.is_straight:
+            return s_m / self.length_m
+        u, lengths = self._table
+        panel = np.clip(np.searchsorted(lengths, s_m, side="right") - 1, 0, _PANELS - 1)
+        guess = np.interp(s_m, lengths, u)
+        for _ in range(3):
+            half = 0.5 * (guess - u[panel])
+            points = (u[panel] + half)[:, None] + half[:, None] * _NODES
+            speeds = np.linalg.norm(self.derivative(points.ravel()), axis=1).reshape(points.shape)
+            excess = lengths[panel] + half * (speeds @ _WEIGHTS) - s_m
+            guess = np.clip(guess - excess / np.linalg.norm(self.derivative(guess), axis=1), 0.0, 1.0)
+        return guess
+
+    def point(self, s_m: Vector) -> Vector:
+        """Points (n, 3) m at the arc lengths s_m (n,) m; beyond the end, the end."""
+        return self.curve(self.parameter(s_m))
+
+    def first_tangent(self) -> Vector:
+        """(3,) unit tangent at the entry: the direction in which the needle waits."""
+        tangent = self.derivative(np.zeros(1))[0]
+        return tangent / np.linalg.norm(tangent)
+
+    def distance_m(self, points: Vector) -> Vector:
+        """Cross-track distance (n,) m of points (n, 3) from the path, by dense sampling and local refinement."""
+        points = np.atleast_2d(points)
+        u = np.linspace(0.0, 1.0, 4 * _PANELS + 1)
+        samples = self.curve(u)
+        nearest = np.array([np.argmin(np.sum((samples - point) ** 2, axis=1)) for point in points])
+        best = u[nearest]
+        for _ in range(4):  # Gauss-Newton on the foot of the perpendicular
+            away = self.curve(best) - points
+            slope = self.derivative(best)
+            best = np.clip(best - np.sum(away * slope, axis=1) / np.sum(slope * slope, axis=1), 0.0, 1.0)
+        return np.linalg.norm(self.curve(best) - points, axis=1)
+
+
+def step_count(path_length_m: float, speed_m_s: float, dt_s: float) -> int:
+    """ceil(path length / (speed dt)); a quotient within 1e-9 of a whole number counts as whole."""
+    steps = path_length_m / (speed_m_s * dt_s)
+    return max(1, math.ceil(steps - 1e-9 * max(1.0, steps)))
+
+
+def targets(path: Path, *, speed_m_s: float, dt_s: float, steps: int) -> Vector:
+    """n_traj(t_i), (steps + 1, 3) m: row 0 the entry, row i at arc length speed * i * dt, clipped to the end."""
+    return path.point(speed_m_s * dt_s * np.arange(steps + 1))
+
+
+def held_noise(
+    rng: np.random.Generator, *, amplitude_m: float, hold_s: float, dt_s: float, steps: int
+) -> Vector:
+    """Uniform noise (steps + 1, 3) m in +-amplitude per axis, redrawn every `hold_s` and held between.
+
+    Redrawing by time and not by step makes the noise mean the same at every dt.
+    """
+    if amplitude_m == 0.0:
+        return np.zeros((steps + 1, 3))
+    window = np.floor(np.arange(steps + 1) * (dt_s / hold_s) + 1e-9).astype(int)
+    draws = rng.uniform(-amplitude_m, amplitude_m, (int(window[-1]) + 1, 3))
+    return draws[window]
