@@ -1,0 +1,56 @@
+"""Numba, set up once: a cache that can never be stale, no fast-math, plain Python types for the type checker.
+
+Numba keys a cached kernel by its own file and not by the files of the kernels that it calls, so the cache folder
+carries a hash of every source file of this package and of the versions that matter.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import os
+import tempfile
+from collections.abc import Callable
+from pathlib import Path
+from typing import TypeVar, cast
+
+import platformdirs
+
+Function = TypeVar("Function", bound=Callable[..., object])
+
+
+def _fingerprint() -> str:
+    from importlib.metadata import version
+
+    digest = hashlib.sha256()
+    for source in sorted(Path(__file__).parent.rglob("*.py")):
+        digest.update(source.read_bytes())
+    for package in ("numba", "llvmlite", "numpy"):
+        digest.update(version(package).encode())
+    return digest.hexdigest()[:16]
+
+
+def _cache_folder() -> str:
+    """A writable folder for this very source: the user's cache, else a temporary one (compiled anew each time)."""
+    wanted = Path(platformdirs.user_cache_dir("needlebench")) / f"kernels-{_fingerprint()}"
+    try:
+        wanted.mkdir(parents=True, exist_ok=True)
+        with tempfile.TemporaryFile(dir=wanted):
+            return str(wanted)
+    except OSError:
+        return tempfile.mkdtemp(prefix="needlebench-kernels-")
+
+
+if "NUMBA_CACHE_DIR" not in os.environ:
+    os.environ["NUMBA_CACHE_DIR"] = _cache_folder()
+
+import numba  # noqa: E402  (the cache folder must be known first)
+
+
+def kernel(function: Function) -> Function:
+    """Compile on first call, cache on disk, divide like numpy. No fast-math: sums keep their order."""
+    return cast(Function, numba.njit(cache=True, error_model="numpy")(function))
+
+
+def inlined(function: Function) -> Function:
+    """A kernel that is meant to melt into its callers."""
+    return cast(Function, numba.njit(cache=True, error_model="numpy", inline="never")(function))

@@ -1,0 +1,109 @@
+"""The tissue's factor, kept from step to step, and its compliance at the constraint points.
+
+The factor belongs to an EARLIER configuration, often the rest one: the coupled solve iterates on the true residual, so
+a stale factor costs iterations, never accuracy. Columns A^-1 B^T are kept with it.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.linalg.lapack import dpbtrf, dpbtrs
+
+from simcore.channel import Channel
+from simcore.compiled import kernel
+from simcore.tissue import TissueModel, assemble_band
+
+Vector = NDArray[np.float64]
+Indices = NDArray[np.int64]
+
+TIP_COLUMN_REUSE_M = 0.5e-3  # the channel end may move so far before its columns are computed anew
+
+
+class NotPositiveDefinite(ArithmeticError):
+    """The matrix to be factored is not positive definite: nothing holds the tissue."""
+
+
+class Compliance:
+    """Banded Cholesky factor of A = (1 + beta / dt) sum R_e K_e R_e^T + M (1 / dt^2 + alpha / dt), and columns of A^-1."""
+
+    def __init__(self, tissue: TissueModel, dt_s: float, capacity: int) -> None:
+        self.tissue = tissue
+        self.scale = 1.0 + tissue.stiffness_damping_s / dt_s
+        self.diagonal = tissue.masses_kg * (1.0 / dt_s**2 + tissue.mass_damping_per_s / dt_s)
+        self.columns = np.zeros((capacity, 3, tissue.unknowns))
+        self.column_rest_m = np.full((capacity, 3), np.nan)
+        self.between_points = np.zeros((3 * capacity, 3 * capacity))
+        self._band = np.zeros((tissue.band + 1, tissue.unknowns), order="F")
+        self.refactor(np.tile(np.eye(3).ravel(), (len(tissue.mesh.tets), 1)))
+
+    def refactor(self, rotations: Vector) -> None:
+        """Factor at the present rotations (t, 9); forgets every column. Raises NotPositiveDefinite."""
+        t = self.tissue
+        material = (t.gradients, t.volumes_m3, t.mu_pa, t.lambda_pa)
+        assemble_band(t.mesh.tets, *material, rotations, t.unknown, self.scale, self.diagonal, self._band)
+        self.factor, info = dpbtrf(self._band, lower=1)
+        if info != 0:
+            raise NotPositiveDefinite(f"the stiffness is not positive definite in row {info}")
+        self.column_rest_m[:] = np.nan
+
+    def solve(self, right: Vector) -> Vector:
+        """A^-1 right, (unknowns,) or (unknowns, k)."""
+        solution: Vector = dpbtrs(self.factor, right, lower=1)[0]
+        return solution
+
+    def sync(self, channel: Channel) -> None:
+        """Bring columns and the compliance between points (3P, 3P) m/N up to date with the channel's elements."""
+        stale = [j for j in range(channel.count - 1, -1, -1) if channel.created[j] and self._moved(channel, j)]
+        for j in stale:
+            self._compute_columns(channel, j)
+        for j in [*stale, 0]:
+            compliance_rows(
+                j,
+                channel.count,
+                channel.nodes,
+                channel.weights,
+                channel.touched,
+                self.tissue.unknown,
+                self.columns,
+                self.between_points,
+            )
+
+    def _moved(self, channel: Channel, element: int) -> bool:
+        allowed = TIP_COLUMN_REUSE_M if element == 0 else 0.0
+        distance = np.abs(self.column_rest_m[element] - channel.rest_m[element]).max()
+        return bool(not distance <= allowed)
+
+    def _compute_columns(self, channel: Channel, element: int) -> None:
+        right = np.zeros((self.tissue.unknowns, 3), order="F")
+        for k in range(channel.touched[element]):
+            rank = self.tissue.unknown[channel.nodes[element, k]]
+            if rank >= 0:
+                for i in range(3):
+                    right[3 * rank + i, i] += channel.weights[element, k]
+        self.columns[element] = self.solve(right).T
+        self.column_rest_m[element] = channel.rest_m[element]
+
+
+@kernel
+def compliance_rows(
+    element: int,
+    count: int,
+    nodes: Indices,
+    weights: Vector,
+    touched: Indices,
+    unknown: Indices,
+    columns: Vector,
+    between: Vector,
+) -> None:
+    """Displacement of one element's ball under unit forces on every element: its rows of `between`, and by symmetry."""
+    for j in range(count):
+        for b in range(3):
+            for a in range(3):
+                value = 0.0
+                for k in range(touched[element]):
+                    rank = unknown[nodes[element, k]]
+                    if rank >= 0:
+                        value += weights[element, k] * columns[j, b, 3 * rank + a]
+                between[3 * element + a, 3 * j + b] = value
+                between[3 * j + b, 3 * element + a] = value

@@ -1,0 +1,160 @@
+"""The insertion as a plant: a constant model, a changing state, `step` a function that reads as the algorithm."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from simcore.channel import Channel, ChannelModel, Phase, advance_end, puncture, refresh_elements, slide_contact
+from simcore.errors import Status
+from simcore.needle import NeedleModel, straight
+from simcore.rotations import log_map
+from simcore.scenario import Scenario
+from simcore.solver import Bodies, Coupled, StepReport
+from simcore.tissue import TissueModel
+
+Vector = NDArray[np.float64]
+
+RE_ENTRY_MISS_M = 2e-3  # a re-entering tip farther than this from its channel has left it
+
+
+@dataclass(frozen=True)
+class Pose:
+    """Of the needle's base: position (3,) m and rotation (3, 3), world; identity = needle along +z."""
+
+    position_m: Vector
+    rotation: Vector
+
+
+@dataclass
+class InsertionState:
+    """A converged state: bodies, channel, forces on the base, and how the last step was solved."""
+
+    bodies: Bodies
+    channel: Channel
+    base_wrench: Vector  # (6,) N, N m of the robot on the base
+    inserted_m: float  # rest length of channel that the needle occupies
+    points_m: Vector  # (a, 3) active constraint points
+    point_forces_n: Vector  # (a, 3) of the needle on the tissue
+    report: StepReport
+
+    @property
+    def base(self) -> Pose:
+        """Where the robot holds the needle."""
+        return Pose(self.bodies.needle_x[0], self.bodies.needle_R[0])
+
+    @property
+    def tip_m(self) -> Vector:
+        """(3,) m, world."""
+        return self.bodies.needle_x[-1]
+
+
+class Insertion:
+    """Needle, tissue and their interaction for one scenario. `step` leaves its argument as it was."""
+
+    def __init__(self, scenario: Scenario) -> None:
+        self.scenario = scenario
+        self.tissue = TissueModel.from_scenario(scenario.tissue)
+        self.needle = NeedleModel.from_scenario(scenario.needle)
+        interaction = scenario.interaction
+        assert interaction.spacing_mm is not None
+        self.channel_model = ChannelModel.of(
+            spacing_m=interaction.spacing_mm * 1e-3,
+            spread_m=interaction.spread_mm * 1e-3,
+            longest_m=self.needle.length_m,
+            mesh=self.tissue.mesh,
+        )
+        self.coupled = Coupled(
+            self.tissue, self.needle, self.channel_model, interaction, scenario.solver, scenario.dt_s
+        )
+        self.entry_m = np.array(scenario.trajectory.entry_mm) * 1e-3
+
+    def initial_base(self, tangent: Vector) -> Pose:
+        """Base pose of the straight needle that waits along `tangent` (3,), unit, with its tip at the entry."""
+        rotation = rotation_towards(tangent)
+        return Pose(self.entry_m - self.needle.length_m * rotation[:, 2], rotation)
+
+    def initial_state(self, tangent: Vector) -> InsertionState:
+        """Tissue at rest, needle straight along `tangent`, tip at the entry, touching."""
+        base = self.initial_base(tangent)
+        x, R = straight(self.needle, base.position_m, base.rotation)
+        rest = self.tissue.mesh.nodes_m
+        bodies = Bodies(rest.copy(), np.zeros_like(rest), x, R, np.zeros((len(x), 6)))
+        channel = Channel.at_surface(self.channel_model, self.entry_m, self.needle.length_m)
+        report = StepReport(Status.COMPLETED, "", 0, 0.0, 0.0, 1.0, 0)
+        return InsertionState(bodies, channel, np.zeros(6), 0.0, np.zeros((0, 3)), np.zeros((0, 3)), report)
+
+    def step(self, state: InsertionState, base: Pose) -> InsertionState:
+        """The state after the base has moved to `base`; `report.status` says whether it may be used.
+
+        A contact that reaches the puncture force is opened and the same step is solved again, inside.
+        """
+        channel = state.channel.copy()
+        bodies, report = self._solve(state, channel, base)
+        if report.status is Status.COMPLETED and self._punctures():
+            channel = state.channel.copy()
+            puncture(channel, self.channel_model)
+            bodies, report = self._solve(state, channel, base)
+        if report.status is Status.COMPLETED:
+            report = self._settle(channel, bodies, report)
+        return InsertionState(
+            bodies,
+            channel,
+            self.coupled.base_wrench(),
+            self.coupled.inserted_m if channel.phase is Phase.INSERTED else 0.0,
+            self.coupled.points,
+            self.coupled.force,
+            report,
+        )
+
+    def _solve(self, state: InsertionState, channel: Channel, base: Pose) -> tuple[Bodies, StepReport]:
+        bodies, report = self.coupled.solve(state.bodies, channel, base.position_m, base.rotation)
+        bodies.v = (bodies.x - state.bodies.x) / self.scenario.dt_s
+        bodies.needle_move = increments(state.bodies, bodies)
+        return bodies, report
+
+    def _punctures(self) -> bool:
+        return self.coupled.contact and bool(self.coupled.mode[0] == 2)
+
+    def _settle(self, channel: Channel, bodies: Bodies, report: StepReport) -> StepReport:
+        """After convergence: store forces and arc lengths, cut, create, drop and take up elements."""
+        c, model, tip = self.coupled, self.channel_model, bodies.needle_x[-1]
+        channel.force_n[c.elements] = c.force
+        channel.mode[c.elements] = c.mode
+        if channel.phase is Phase.CONTACT:
+            slide_contact(channel, model, bodies.x, tip)
+            return report
+        channel.arc_m[:] = c.all_arcs
+        if channel.active[0] and channel.arc_m[0] < self.needle.length_m:
+            advance_end(channel, model, bodies.x, tip)
+            channel.arc_m[0] = self.needle.length_m
+        missed = refresh_elements(
+            channel, model, bodies.x, bodies.needle_x, bodies.needle_R, self.needle.element_length_m
+        )
+        if missed > RE_ENTRY_MISS_M:
+            message = f"the tip re-enters {missed * 1e3:.2f} mm beside its channel, at most {RE_ENTRY_MISS_M * 1e3:g} mm"
+            return replace(report, status=Status.CHANNEL_LEFT, message=message)
+        return report
+
+
+def increments(old: Bodies, new: Bodies) -> Vector:
+    """(n + 1, 6) m, rad: what `advance` needs to carry the old needle to the new one."""
+    moves = np.empty((len(old.needle_x), 6))
+    moves[:, :3] = new.needle_x - old.needle_x
+    for i in range(len(moves)):
+        moves[i, 3:] = log_map(new.needle_R[i] @ old.needle_R[i].T)
+    return moves
+
+
+def rotation_towards(direction: Vector) -> Vector:
+    """(3, 3) smallest rotation that takes +z to `direction` (3,), unit."""
+    z = np.array([0.0, 0.0, 1.0])
+    axis = np.cross(z, direction)
+    sine, cosine = float(np.linalg.norm(axis)), float(direction[2])
+    if sine < 1e-15:
+        return np.eye(3) if cosine > 0 else np.diag([1.0, -1.0, -1.0])
+    from simcore.rotations import exp_map
+
+    return exp_map(axis / sine * np.arctan2(sine, cosine))
