@@ -9,8 +9,9 @@ from numpy.typing import NDArray
 
 from simcore.channel import Channel, ChannelModel, Phase, advance_end, puncture, refresh_elements, slide_contact
 from simcore.errors import Status
+from simcore.mesh import locate
 from simcore.needle import NeedleModel, straight
-from simcore.rotations import log_map
+from simcore.rotations import exp_map, log_map
 from simcore.scenario import Scenario
 from simcore.solver import Bodies, Coupled, StepReport
 from simcore.tissue import TissueModel
@@ -83,7 +84,7 @@ class Insertion:
         rest = self.tissue.mesh.nodes_m
         bodies = Bodies(rest.copy(), np.zeros_like(rest), x, R, np.zeros((len(x), 6)))
         channel = Channel.at_surface(self.channel_model, self.entry_m, self.needle.length_m)
-        report = StepReport(Status.COMPLETED, "", 0, 0.0, 0.0, 1.0, 0)
+        _, report = self.coupled.solve(bodies, channel, base.position_m, base.rotation)
         return InsertionState(bodies, channel, np.zeros(6), 0.0, np.zeros((0, 3)), np.zeros((0, 3)), report)
 
     def step(self, state: InsertionState, base: Pose) -> InsertionState:
@@ -108,6 +109,14 @@ class Insertion:
             self.coupled.force,
             report,
         )
+
+    def carried(self, state: InsertionState, rest_m: Vector) -> Vector:
+        """(3,) m, world: where the tissue point at `rest_m` is now, by the shape functions of its tetrahedron."""
+        mesh = self.tissue.mesh
+        nodes, weights = np.empty(4, np.int64), np.empty(4)
+        locate(rest_m, mesh.size_m, self.channel_model.cells, nodes, weights)
+        moved: Vector = rest_m + weights @ (state.bodies.x[nodes] - mesh.nodes_m[nodes])
+        return moved
 
     def _solve(self, state: InsertionState, channel: Channel, base: Pose) -> tuple[Bodies, StepReport]:
         bodies, report = self.coupled.solve(state.bodies, channel, base.position_m, base.rotation)
@@ -155,6 +164,4 @@ def rotation_towards(direction: Vector) -> Vector:
     sine, cosine = float(np.linalg.norm(axis)), float(direction[2])
     if sine < 1e-15:
         return np.eye(3) if cosine > 0 else np.diag([1.0, -1.0, -1.0])
-    from simcore.rotations import exp_map
-
     return exp_map(axis / sine * np.arctan2(sine, cosine))

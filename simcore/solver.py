@@ -267,7 +267,7 @@ class Coupled:
             worst = max(worst, abs(local[i, 2] - wanted))
         return worst
 
-    def _linear_response(self) -> tuple[Vector, Vector]:
+    def linear_response(self) -> tuple[Vector, Vector]:
         """(3a, 3a) m/N compliance in local frames, and the needle's nodal moves (n, 6, 3a) per world force on it."""
         a, m = len(self.elements), self.needle.elements
         self.needle_factor = factor_blocks(self.diag[1:], self.upper[1:], self.lower[1:])
@@ -282,7 +282,7 @@ class Coupled:
     def _correct(self) -> bool:
         """One correction of tissue, needle and forces; False if the contact laws found no consistent state."""
         a, m, b = len(self.elements), self.needle.elements, self.bodies
-        w, per_force = self._linear_response()
+        w, per_force = self.linear_response()
         tissue_step = self.compliance.solve(self.right)
         needle_step = self.needle_rest[1:, :, None].copy()
         needle_step[0, :, 0] -= self.lower[0] @ self.base_gap

@@ -1,0 +1,5 @@
+"""Controllers: each receives observations and answers with a command for the base. One file each."""
+
+from simcore.controllers.base import Controller, Observation, make_controller
+
+__all__ = ["Controller", "Observation", "make_controller"]

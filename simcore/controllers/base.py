@@ -1,0 +1,54 @@
+"""What a controller sees, what it answers, and how a scenario's block becomes one."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from simcore.errors import Problem, ScenarioError
+from simcore.insertion import Pose
+from simcore.linearisation import Linearisation
+from simcore.scenario import Scenario
+
+Vector = NDArray[np.float64]
+Plant = Callable[[], Linearisation]
+
+
+@dataclass(frozen=True)
+class Observation:
+    """All that a controller may know at the beginning of step `step`; metres, world frame."""
+
+    step: int
+    base: Pose
+    tip_m: Vector  # (3,)
+    target_m: Vector  # (3,) with noise
+
+
+class Controller(Protocol):
+    """Answers an observation with the commanded pose T of the base, before the robot's limits."""
+
+    limited: bool  # whether the robot's speed limits apply to its commands
+
+    def command(self, observation: Observation) -> Pose:
+        """T for this step."""
+
+
+def make_controller(scenario: Scenario, *, entry_m: Vector, needle_length_m: float, plant: Plant) -> Controller:
+    """The controller of a scenario. `plant` linearises the last step; only controllers in shared mode ask it."""
+    from simcore.controllers.ifem import InverseFemController
+    from simcore.controllers.open_loop import OpenLoopController
+    from simcore.controllers.replay import ReplayController
+    from simcore.scenario import InverseFem, OpenLoop, Replay
+
+    block = scenario.controller
+    if isinstance(block, InverseFem):
+        return InverseFemController(block, plant)
+    if isinstance(block, OpenLoop):
+        return OpenLoopController(scenario, entry_m, needle_length_m)
+    if isinstance(block, Replay):
+        return ReplayController(block)
+    raise ScenarioError([Problem("controller.kind", block.kind, "has no controller")])

@@ -1,0 +1,52 @@
+"""Inverse finite element control [paper]: T = X - J^+ (k o e), e = (n_traj - n_tip; RCM), J = de/dX."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from simcore.controllers.base import Observation, Plant
+from simcore.insertion import Pose
+from simcore.linearisation import Linearisation
+from simcore.rotations import exp_map
+from simcore.scenario import InverseFem
+
+Vector = NDArray[np.float64]
+
+
+class InverseFemController:
+    """Shared mode, as in the paper: the model that is linearised is the plant itself."""
+
+    limited = True
+
+    def __init__(self, settings: InverseFem, plant: Plant) -> None:
+        self.settings = settings
+        self.plant = plant
+
+    def command(self, observation: Observation) -> Pose:
+        """One damped Newton step on the objectives; rotations count with the lever arm."""
+        response = self.plant()
+        jacobian, error = objectives(response, observation.target_m - observation.tip_m, self.settings)
+        lever = self.settings.lever_arm_mm * 1e-3
+        scaled = jacobian / np.array([1.0, 1.0, 1.0, lever, lever, lever])
+        twist = -damped_inverse(scaled, self.settings.damping) @ error
+        turn = exp_map(twist[3:] / lever)
+        return Pose(observation.base.position_m + twist[:3], turn @ observation.base.rotation)
+
+
+def objectives(response: Linearisation, tip_error_m: Vector, settings: InverseFem) -> tuple[Vector, Vector]:
+    """J = de/dX (3 or 5, 6) and k o e (3 or 5,): tip error n_traj - n_tip, then the remote-centre offsets.
+
+    The remote-centre rows are off before the puncture, and with a gain of 0.
+    """
+    if response.rcm is None or settings.rcm_gain == 0.0:
+        return -response.tip, settings.gain * tip_error_m
+    jacobian = np.vstack([-response.tip, response.rcm])
+    return jacobian, np.concatenate([settings.gain * tip_error_m, settings.rcm_gain * response.rcm_error_m])
+
+
+def damped_inverse(jacobian: Vector, damping: float) -> Vector:
+    """J^+ = J^T (J J^T + d^2 I)^-1 (Wampler 1986; Nakamura and Hanafusa 1986)."""
+    gram = jacobian @ jacobian.T + damping**2 * np.eye(len(jacobian))
+    inverse: Vector = np.linalg.solve(gram, jacobian).T
+    return inverse

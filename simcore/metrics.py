@@ -1,0 +1,89 @@
+"""What a run is judged by. All errors use the clean target; definitions after Perrusi et al. 2021 where tagged [paper].
+
+`stable` (finite, every step converged, no inversion: the paper's S) and `success` (stable, reached the end, tip error
+never above 2 mm for more than 0.5 s) are two things.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from simcore.errors import Status
+from simcore.trajectory import Path
+
+Vector = NDArray[np.float64]
+Series = Mapping[str, NDArray[Any]]
+
+LOST_ERROR_MM = 2.0
+LOST_TIME_S = 0.5
+FORCE_FLOOR_N = 0.01  # below it the ratio of summed to resultant lateral force says nothing
+
+
+def root_mean_square(values: Vector) -> float:
+    """sqrt(mean(v^2))."""
+    return float(np.sqrt(np.mean(np.square(values))))
+
+
+def paper_errors_mm(series: Series) -> Vector:
+    """|e_i| (Np,) mm with e_i = n_tip(t_i+1) - n_traj(t_i), i = 0 ... Np - 1 [paper]: each step against the target that
+    was used for the command executed in it."""
+    errors: Vector = 1e3 * np.linalg.norm(series["tip_m"][1:] - series["target_m"][:-1], axis=1)
+    return errors
+
+
+def same_index_errors_mm(series: Series) -> Vector:
+    """|n_tip(t_i) - n_traj(t_i)| (Np,) mm, i = 1 ... Np: contains the lag of one step."""
+    errors: Vector = 1e3 * np.linalg.norm(series["tip_m"][1:] - series["target_m"][1:], axis=1)
+    return errors
+
+
+def longest_loss_s(errors_mm: Vector, dt_s: float) -> float:
+    """Longest unbroken time with an error above 2 mm."""
+    longest = run = 0
+    for lost in errors_mm > LOST_ERROR_MM:
+        run = run + 1 if lost else 0
+        longest = max(longest, run)
+    return longest * dt_s
+
+
+def lambda_ratio(series: Series) -> float | None:
+    """Median over steps of sum |lambda_n| / |sum lambda_n|: large where neighbouring rows fight (locking); None if the
+    lateral load never exceeds 0.01 N."""
+    total, resultant = series["lateral_sum_n"], series["lateral_resultant_n"]
+    loaded = (total > FORCE_FLOOR_N) & (resultant > 0.0)
+    return float(np.median(total[loaded] / resultant[loaded])) if loaded.any() else None
+
+
+def metrics(status: Status, series: Series, path: Path, *, dt_s: float, steps: int) -> dict[str, Any]:
+    """The metrics block of a result; every error is None if not one step was completed."""
+    done = len(series["t_s"]) - 1
+    stable = status is Status.COMPLETED and all(np.isfinite(series["tip_m"]).ravel())
+    values: dict[str, Any] = {"stable": stable, "success": False, "steps_completed": done, "steps": steps}
+    if done == 0:
+        names = ("rmse_mm", "rmse_same_index_mm", "cross_track_rmse_mm", "p95_error_mm", "max_error_mm")
+        names += ("final_error_mm", "rcm_mean_mm", "rcm_max_mm", "max_insertion_force_n", "min_det_f")
+        return {**values, **dict.fromkeys((*names, "max_tissue_displacement_mm", "lambda_ratio", "limited_fraction"))}
+    errors = paper_errors_mm(series)
+    rcm = 1e3 * series["rcm_error_m"][1:]
+    reached = done == steps
+    values["success"] = bool(stable and reached and longest_loss_s(errors, dt_s) <= LOST_TIME_S)
+    return {
+        **values,
+        "rmse_mm": root_mean_square(errors),
+        "rmse_same_index_mm": root_mean_square(same_index_errors_mm(series)),
+        "cross_track_rmse_mm": root_mean_square(1e3 * path.distance_m(series["tip_m"][1:])),
+        "p95_error_mm": float(np.percentile(errors, 95)),
+        "max_error_mm": float(errors.max()),
+        "final_error_mm": float(same_index_errors_mm(series)[-1]),
+        "rcm_mean_mm": float(rcm.mean()),
+        "rcm_max_mm": float(rcm.max()),
+        "max_insertion_force_n": float(series["insertion_force_n"].max()),
+        "max_tissue_displacement_mm": float(1e3 * series["max_displacement_m"].max()),
+        "min_det_f": float(series["min_det_f"].min()),
+        "lambda_ratio": lambda_ratio(series),
+        "limited_fraction": float(series["limited"][1:].mean()),
+    }

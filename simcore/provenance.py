@@ -1,0 +1,76 @@
+"""Where a result comes from: commit, versions, machine, threads."""
+
+from __future__ import annotations
+
+import os
+import platform
+import subprocess
+import sys
+from functools import cache
+from importlib.metadata import PackageNotFoundError, version
+from pathlib import Path
+from typing import Any
+
+_ROOT = Path(__file__).resolve().parent
+_PACKAGES = ("needlebench", "numpy", "scipy", "numba", "llvmlite", "pydantic", "rerun-sdk")
+
+
+@cache
+def commit() -> str | None:
+    """The git commit of this code: recorded in the wheel, else of the checkout (`-dirty` if it was changed), else the
+    variable NEEDLEBENCH_COMMIT, else None."""
+    recorded = _ROOT / "_commit.txt"
+    if recorded.exists():
+        return recorded.read_text().strip() or None
+    if (_ROOT.parent / ".git").exists():
+        try:
+            return _described(_git("rev-parse", "HEAD"), _git("status", "--porcelain", "--untracked-files=no"))
+        except (OSError, subprocess.SubprocessError):
+            pass
+    return os.environ.get("NEEDLEBENCH_COMMIT") or None
+
+
+def _git(*words: str) -> str:
+    done = subprocess.run(["git", *words], cwd=_ROOT.parent, capture_output=True, text=True, check=True, timeout=10)
+    return done.stdout.strip()
+
+
+def _described(head: str, changes: str) -> str:
+    return f"{head}-dirty" if changes else head
+
+
+@cache
+def _versions() -> dict[str, str]:
+    found = {"python": platform.python_version()}
+    for package in _PACKAGES:
+        try:
+            found[package] = version(package)
+        except PackageNotFoundError:
+            found[package] = "not installed"
+    return found
+
+
+@cache
+def _processor() -> str:
+    try:
+        for line in Path("/proc/cpuinfo").read_text().splitlines():
+            if line.startswith("model name"):
+                return line.partition(":")[2].strip()
+    except OSError:
+        pass
+    return platform.processor() or platform.machine()
+
+
+def provenance(scenario: dict[str, Any]) -> dict[str, Any]:
+    """Everything that a reader needs to rerun a result: resolved scenario, seed, commit, versions, machine, threads."""
+    return {
+        "scenario": scenario,
+        "seed": scenario["seed"],
+        "commit": commit(),
+        "versions": dict(_versions()),
+        "platform": f"{platform.system()} {platform.machine()}",
+        "cpu": _processor(),
+        "cpu_count": os.cpu_count(),
+        "threads": 1,
+        "byte_order": sys.byteorder,
+    }
