@@ -114,9 +114,7 @@ def _end(frame: Vector, rotation: Vector, relative: Vector) -> End:
     """One end from the element frame and the nodal rotation, (3, 3) each; `relative` is scratch."""
     for i in range(3):
         for j in range(3):
-            relative[i, j] = (
-                frame[0, i] * rotation[0, j] + frame[1, i] * rotation[1, j] + frame[2, i] * rotation[2, j]
-            )
+            relative[i, j] = frame[0, i] * rotation[0, j] + frame[1, i] * rotation[1, j] + frame[2, i] * rotation[2, j]
     log = log_map(relative)
     theta = (log[0], log[1], log[2])
     eta, mu = jacobian_coefficients(_dot(theta, theta))
@@ -163,9 +161,7 @@ def _frame_spin(e: Element, d: Triple, dw1: Triple, dw2: Triple) -> Triple:
 
 
 @kernel
-def _force_changes(
-    e: Element, k: Stiffness, d: Triple, dw1: Triple, dw2: Triple
-) -> tuple[Triple, Triple, Triple]:
+def _force_changes(e: Element, k: Stiffness, d: Triple, dw1: Triple, dw2: Triple) -> tuple[Triple, Triple, Triple]:
     """Exact increments of n, M1, M2 (components in the unturned element frame): `_forces`, differentiated."""
     w = _frame_spin(e, d, dw1, dw2)
     spin1, spin2 = _sum(1.0, dw1, -1.0, w), _sum(1.0, dw2, -1.0, w)
@@ -199,9 +195,7 @@ def _to_world(frame: Vector, v: Triple) -> Triple:
 
 
 @kernel
-def _add_column(
-    node1: Vector, node2: Vector, j: int, sign: float, n: Triple, moment1: Triple, moment2: Triple
-) -> None:
+def _add_column(node1: Vector, node2: Vector, j: int, sign: float, n: Triple, moment1: Triple, moment2: Triple) -> None:
     """Add to column j of the blocks (6, 6) of the rows of both nodes the force changes of one increment."""
     for i in range(3):
         node1[i, j] -= sign * n[i]

@@ -160,7 +160,7 @@ def inserted_rest_length(depth: Vector, arc: Vector, count: int, needle_length: 
     A tip ahead of X_c (it cuts in this very step) counts with its advance.
     """
     if arc[0] <= needle_length:
-        return depth[0] + (needle_length - arc[0])
+        return float(depth[0] + (needle_length - arc[0]))
     previous_depth, previous_arc = 0.0, arc[1]
     if previous_arc >= needle_length:
         return 0.0
@@ -168,9 +168,9 @@ def inserted_rest_length(depth: Vector, arc: Vector, count: int, needle_length: 
         j = k if k < count else 0
         if arc[j] > needle_length:
             share = (needle_length - previous_arc) / (arc[j] - previous_arc)
-            return previous_depth + share * (depth[j] - previous_depth)
+            return float(previous_depth + share * (depth[j] - previous_depth))
         previous_depth, previous_arc = depth[j], arc[j]
-    return depth[0]
+    return float(depth[0])
 
 
 @kernel
@@ -224,7 +224,7 @@ def _append(channel: Channel, model: ChannelModel, rest_m: Vector, depth_m: floa
 def _material_point(channel: Channel, model: ChannelModel, element: int, x: Vector, target_m: Vector) -> Vector:
     """Move an element in rest space until its ball sits at `target_m` (3,) m, world; Broyden's method."""
     inverse = np.eye(3)
-    point = channel.rest_m[element].copy()
+    point: Vector = channel.rest_m[element].copy()
     miss = channel.position(model, element, x) - target_m
     for _ in range(50):
         if np.abs(miss).max() < 1e-13:
@@ -257,7 +257,12 @@ def slide_contact(channel: Channel, model: ChannelModel, x: Vector, tip_m: Vecto
 
 
 def refresh_elements(
-    channel: Channel, model: ChannelModel, x: Vector, needle_x: Vector, needle_R: Vector, element_length_m: float
+    channel: Channel,
+    model: ChannelModel,
+    x: Vector,
+    needle_x: Vector,
+    needle_R: Vector,
+    element_length_m: float,
 ) -> float:
     """Create, drop and take up elements after a converged step; returns the largest lateral gap (m) taken up.
 

@@ -25,7 +25,7 @@ class NotPositiveDefinite(ArithmeticError):
 
 
 class Compliance:
-    """Banded Cholesky factor of A = (1 + beta / dt) sum R_e K_e R_e^T + M (1 / dt^2 + alpha / dt), and columns of A^-1."""
+    """Banded Cholesky factor of A = (1 + beta / dt) sum R_e K_e R_e^T + M (1 / dt^2 + alpha / dt); columns of A^-1."""
 
     def __init__(self, tissue: TissueModel, dt_s: float, capacity: int) -> None:
         self.tissue = tissue

@@ -71,6 +71,18 @@ def level(sign: float, extra: float, base: float, friction: float, lateral: floa
 
 
 @kernel
+def law_residual(force: Vector, mode: Indices, sign: Vector, extra: Vector, base: Vector, friction: float) -> float:
+    """Largest distance of the axial force of a sliding element from its level, N; force (a, 3) in local frames."""
+    worst = 0.0
+    for i in range(len(mode)):
+        if mode[i] % 2 == 0:
+            k = mode[i] // 2
+            lateral = np.hypot(force[i, 0], force[i, 1])
+            worst = max(worst, abs(force[i, 2] - level(sign[i, k], extra[i, k], base[i], friction, lateral)))
+    return worst
+
+
+@kernel
 def next_mode(
     mode: int,
     count: int,
@@ -202,7 +214,16 @@ def solve_laws(
         for i in range(len(mode)):
             lateral = np.hypot(new_force[i, 0], new_force[i, 1])
             wanted = next_mode(
-                mode[i], steps[i], new_arc[i], new_force[i, 2], lateral, breaks[i], sign[i], extra[i], base[i], laterally
+                mode[i],
+                steps[i],
+                new_arc[i],
+                new_force[i, 2],
+                lateral,
+                breaks[i],
+                sign[i],
+                extra[i],
+                base[i],
+                laterally,
             )
             if wanted != mode[i]:
                 mode[i] = wanted

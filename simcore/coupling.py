@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from simcore.channel import project
 from simcore.compiled import kernel
-from simcore.shaft import shaft_columns, shaft_frame, shaft_scatter
+from simcore.shaft import shaft_columns, shaft_frame
 from simcore.spread import displaced
 
 Vector = NDArray[np.float64]
@@ -116,7 +116,7 @@ def tissue_residual(
 ) -> float:
     """out (unknowns,) = H_t^T lambda - f_tissue - M (v+ - v) / dt - C v+; returns its largest component, N.
 
-    force: (a, 3) N world, of the needle on the tissue. damping_forces: sum R_e K_e R_e^T v+, used if its factor is not 0.
+    force: (a, 3) N world, of the needle on the tissue. damping_forces: sum R_e K_e R_e^T v+, if damped.
     """
     for node in range(len(unknown)):
         rank = unknown[node]
@@ -136,7 +136,7 @@ def tissue_residual(
             if rank >= 0:
                 for a in range(3):
                     out[3 * rank + a] += weights[e, k] * force[i, a]
-    return np.abs(out).max()
+    return float(np.abs(out).max())
 
 
 @kernel
@@ -185,7 +185,13 @@ def moved_shaft(beams: Indices, columns: Vector, base_move: Vector, free_moves: 
 
 @kernel
 def tissue_moves(
-    elements: Indices, nodes: Indices, weights: Vector, touched: Indices, unknown: Indices, moves: Vector, out: Vector
+    elements: Indices,
+    nodes: Indices,
+    weights: Vector,
+    touched: Indices,
+    unknown: Indices,
+    moves: Vector,
+    out: Vector,
 ) -> None:
     """out (a, 3): displacement of each ball under the nodal moves (unknowns,)."""
     for i in range(len(elements)):

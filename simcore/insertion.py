@@ -7,11 +7,19 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from simcore.channel import Channel, ChannelModel, Phase, advance_end, puncture, refresh_elements, slide_contact
+from simcore.channel import (
+    Channel,
+    ChannelModel,
+    Phase,
+    advance_end,
+    puncture,
+    refresh_elements,
+    slide_contact,
+)
 from simcore.errors import Status
 from simcore.mesh import locate
-from simcore.needle import NeedleModel, straight
-from simcore.rotations import exp_map, log_map
+from simcore.needle import NeedleModel, increments, straight
+from simcore.rotations import exp_map
 from simcore.scenario import Scenario
 from simcore.solver import Bodies, Coupled, StepReport
 from simcore.tissue import TissueModel
@@ -49,7 +57,8 @@ class InsertionState:
     @property
     def tip_m(self) -> Vector:
         """(3,) m, world."""
-        return self.bodies.needle_x[-1]
+        tip: Vector = self.bodies.needle_x[-1]
+        return tip
 
 
 class Insertion:
@@ -121,7 +130,8 @@ class Insertion:
     def _solve(self, state: InsertionState, channel: Channel, base: Pose) -> tuple[Bodies, StepReport]:
         bodies, report = self.coupled.solve(state.bodies, channel, base.position_m, base.rotation)
         bodies.v = (bodies.x - state.bodies.x) / self.scenario.dt_s
-        bodies.needle_move = increments(state.bodies, bodies)
+        old = state.bodies
+        bodies.needle_move = increments(old.needle_x, old.needle_R, bodies.needle_x, bodies.needle_R)
         return bodies, report
 
     def _punctures(self) -> bool:
@@ -143,18 +153,11 @@ class Insertion:
             channel, model, bodies.x, bodies.needle_x, bodies.needle_R, self.needle.element_length_m
         )
         if missed > RE_ENTRY_MISS_M:
-            message = f"the tip re-enters {missed * 1e3:.2f} mm beside its channel, at most {RE_ENTRY_MISS_M * 1e3:g} mm"
+            message = (
+                f"the tip re-enters {missed * 1e3:.2f} mm beside its channel, at most {RE_ENTRY_MISS_M * 1e3:g} mm"
+            )
             return replace(report, status=Status.CHANNEL_LEFT, message=message)
         return report
-
-
-def increments(old: Bodies, new: Bodies) -> Vector:
-    """(n + 1, 6) m, rad: what `advance` needs to carry the old needle to the new one."""
-    moves = np.empty((len(old.needle_x), 6))
-    moves[:, :3] = new.needle_x - old.needle_x
-    for i in range(len(moves)):
-        moves[i, 3:] = log_map(new.needle_R[i] @ old.needle_R[i].T)
-    return moves
 
 
 def rotation_towards(direction: Vector) -> Vector:

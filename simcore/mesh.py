@@ -39,8 +39,10 @@ def box_mesh(size_m: Vector, cells: tuple[int, int, int]) -> BoxMesh:
     return BoxMesh(np.asarray(size_m, float), cells, nodes, tets, _faces(cells), _surface(nodes, tets))
 
 
-def _node_index(i: Indices, j: Indices, k: Indices, cells: tuple[int, int, int]) -> Indices:
-    return i + (cells[0] + 1) * (j + (cells[1] + 1) * k)
+def _node_index(corner: Indices, cells: tuple[int, int, int]) -> Indices:
+    """(n,) node numbers of the grid corners (n, 3)."""
+    index: Indices = corner @ np.array([1, cells[0] + 1, (cells[0] + 1) * (cells[1] + 1)])
+    return index
 
 
 def _kuhn_tets(cells: tuple[int, int, int]) -> Indices:
@@ -55,7 +57,7 @@ def _kuhn_tets(cells: tuple[int, int, int]) -> Indices:
         for axis in order:
             corner[:, axis] = 1 - mirrored[:, axis]
             corners.append(corner.copy())
-        tets.append(np.stack([_node_index(*(cell + c).T, cells) for c in corners], axis=1))
+        tets.append(np.stack([_node_index(cell + c, cells) for c in corners], axis=1))
     return np.stack(tets, axis=1).reshape(-1, 4)
 
 
@@ -84,7 +86,8 @@ def _surface(nodes: Vector, tets: Indices) -> Indices:
     """(triangles, 3): faces that belong to one tetrahedron only, seen counter-clockwise from outside."""
     triangles = np.concatenate([tets[:, [1, 2, 3]], tets[:, [0, 3, 2]], tets[:, [0, 1, 3]], tets[:, [0, 2, 1]]])
     _, first, count = np.unique(np.sort(triangles, axis=1), axis=0, return_index=True, return_counts=True)
-    return triangles[np.sort(first[count == 1])]
+    outer: Indices = triangles[np.sort(first[count == 1])]
+    return outer
 
 
 @kernel

@@ -66,7 +66,10 @@ def metrics(status: Status, series: Series, path: Path, *, dt_s: float, steps: i
     if done == 0:
         names = ("rmse_mm", "rmse_same_index_mm", "cross_track_rmse_mm", "p95_error_mm", "max_error_mm")
         names += ("final_error_mm", "rcm_mean_mm", "rcm_max_mm", "max_insertion_force_n", "min_det_f")
-        return {**values, **dict.fromkeys((*names, "max_tissue_displacement_mm", "lambda_ratio", "limited_fraction"))}
+        return {
+            **values,
+            **dict.fromkeys((*names, "max_tissue_displacement_mm", "lambda_ratio", "limited_fraction")),
+        }
     errors = paper_errors_mm(series)
     rcm = 1e3 * series["rcm_error_m"][1:]
     reached = done == steps

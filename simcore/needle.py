@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from simcore.beam import internal
 from simcore.compiled import kernel
 from simcore.errors import Status
-from simcore.rotations import compose, exp_map, project_rotation
+from simcore.rotations import compose, exp_map, log_map, project_rotation
 from simcore.scenario import Needle
 
 Vector = NDArray[np.float64]
@@ -50,9 +50,7 @@ class NeedleModel:
         if not 0.0 <= self.shear_parameter < math.inf:
             raise ValueError(f"shear_parameter = {self.shear_parameter!r}: must be finite and at least 0")
         if self.rest_frames.shape not in ((0, 2, 3, 3), (self.elements, 2, 3, 3)):
-            raise ValueError(
-                f"rest_frames of shape {self.rest_frames.shape}: must be ({self.elements}, 2, 3, 3)"
-            )
+            raise ValueError(f"rest_frames of shape {self.rest_frames.shape}: must be ({self.elements}, 2, 3, 3)")
 
     @property
     def element_length_m(self) -> float:
@@ -99,9 +97,7 @@ class NeedleModel:
     ) -> NeedleModel:
         """A circular tube (inner diameter 0 = solid), with Cowper's shear coefficient."""
         if not 0.0 <= inner_diameter_m < outer_diameter_m:
-            raise ValueError(
-                f"inner_diameter_m = {inner_diameter_m!r}: must be 0 to below {outer_diameter_m!r}"
-            )
+            raise ValueError(f"inner_diameter_m = {inner_diameter_m!r}: must be 0 to below {outer_diameter_m!r}")
         area = math.pi / 4.0 * (outer_diameter_m**2 - inner_diameter_m**2)
         second_moment = math.pi / 64.0 * (outer_diameter_m**4 - inner_diameter_m**4)
         shear_pa = young_pa / (2.0 * (1.0 + poisson))
@@ -134,9 +130,7 @@ def cowper_coefficient(ratio: float, poisson: float) -> float:
     G. R. Cowper, "The shear coefficient in Timoshenko's beam theory", J. Appl. Mech. 33 (1966) 335-340.
     """
     spread = (1.0 + ratio**2) ** 2
-    return (
-        6.0 * (1.0 + poisson) * spread / ((7.0 + 6.0 * poisson) * spread + (20.0 + 12.0 * poisson) * ratio**2)
-    )
+    return 6.0 * (1.0 + poisson) * spread / ((7.0 + 6.0 * poisson) * spread + (20.0 + 12.0 * poisson) * ratio**2)
 
 
 def straight(model: NeedleModel, base_position: Vector, base_rotation: Vector) -> tuple[Vector, Vector]:
@@ -155,6 +149,18 @@ def advance(x: Vector, R: Vector, dq: Vector) -> None:
             x[i, a] += dq[i, a]
             for b in range(3):
                 R[i, a, b] = turned[a, b]
+
+
+@kernel
+def increments(x: Vector, R: Vector, x_new: Vector, R_new: Vector) -> Vector:
+    """(n+1, 6) m, rad: what `advance` needs to carry the state x, R to x_new, R_new."""
+    out = np.empty((len(x), 6))
+    for i in range(len(x)):
+        turn = log_map(compose(R_new[i], R[i].T))
+        for a in range(3):
+            out[i, a] = x_new[i, a] - x[i, a]
+            out[i, 3 + a] = turn[a]
+    return out
 
 
 def rigid_move(x: Vector, R: Vector, position: Vector, rotation: Vector) -> None:

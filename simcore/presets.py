@@ -17,7 +17,10 @@ _PRESETS: dict[str, tuple[str, dict[str, Any]]] = {
             "trajectory": {"kind": "sine", "target_mm": [18, 31, 122], "amplitude_mm": 3.0, "periods": 0.5},
         },
     ),
-    "line": ("I-FEM along a straight oblique line, full depth", {"trajectory": {"kind": "line", "target_mm": [24, 41, 122]}}),
+    "line": (
+        "I-FEM along a straight oblique line, full depth",
+        {"trajectory": {"kind": "line", "target_mm": [24, 41, 122]}},
+    ),
     "sine": (
         "I-FEM along the same line with a sine overlay of 1.0 mm",
         {"trajectory": {"kind": "sine", "target_mm": [24, 41, 122], "amplitude_mm": 1.0}},

@@ -14,7 +14,7 @@ from threadpoolctl import threadpool_limits
 
 from simcore.controllers import Observation, make_controller
 from simcore.errors import Status
-from simcore.insertion import Insertion, InsertionState, Pose
+from simcore.insertion import Insertion, Pose
 from simcore.linearisation import Linearisation, lateral_offset, linearise
 from simcore.metrics import metrics
 from simcore.provenance import provenance
@@ -23,7 +23,7 @@ from simcore.robot import limited_pose
 from simcore.rotations import quaternion_from_matrix
 from simcore.scenario import Scenario
 from simcore.series import SeriesBuilder
-from simcore.shaft import shaft_frame
+from simcore.shaft import shaft_polyline
 from simcore.trajectory import held_noise, targets
 
 Vector = NDArray[np.float64]
@@ -166,7 +166,7 @@ class _Loop:
 
     def _target(self, step: int) -> Vector:
         """n_traj(t_step) (3,) m, world; a path in the tissue frame is carried by the deforming tissue."""
-        rest = self.targets_m[step]
+        rest: Vector = self.targets_m[step]
         if self.scenario.trajectory.frame == "world":
             return rest
         return self.insertion.carried(self.state, rest)
@@ -222,8 +222,8 @@ class _Loop:
 
     def _shaft(self) -> Vector:
         needle, b = self.insertion.needle, self.state.bodies
-        arcs = np.linspace(0.0, needle.length_m, SHAFT_POINTS_PER_BEAM * needle.elements + 1)
-        return np.array([shaft_frame(b.needle_x, b.needle_R, needle.element_length_m, s)[0] for s in arcs])
+        points = SHAFT_POINTS_PER_BEAM * needle.elements + 1
+        return shaft_polyline(b.needle_x, b.needle_R, needle.element_length_m, points)
 
     def _finished(self, builder: SeriesBuilder, status: Status, message: str, wall_s: float) -> Rollout:
         series = builder.arrays(self.state.bodies.x)

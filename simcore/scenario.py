@@ -85,9 +85,13 @@ class Interaction(Block):
         le=50.0,
         description="rest distance of shaft constraint points; element size to 50, at least 5; default max(5, element size) [ours]",
     )
-    spread_mm: Number = bounded(4.0, 0.0, 20.0, "radius of the ball over which a point force is spread, 0 = bare point [ours]")
+    spread_mm: Number = bounded(
+        4.0, 0.0, 20.0, "radius of the ball over which a point force is spread, 0 = bare point [ours]"
+    )
     friction: Number = bounded(0.1, 0.0, 1.0, "Coulomb coefficient; above 0.3 with a warning [ours]")
-    adhesion_n_per_mm: Number = bounded(0.01, 0.0, 1.0, "shaft force per inserted length, without pressure [cited, weak]")
+    adhesion_n_per_mm: Number = bounded(
+        0.01, 0.0, 1.0, "shaft force per inserted length, without pressure [cited, weak]"
+    )
     cutting_n: Number = bounded(0.1, 0.0, 10.0, "axial force at which the tip cuts [ours]")
     puncture_n: Number = bounded(0.1, 0.0, 10.0, "normal force at which the surface is punctured [ours]")
 
@@ -97,10 +101,13 @@ class StraightTrajectory(Block):
 
     kind: Literal["line"] = "line"
     entry_mm: Triple = Field(default=(18.0, 31.0, 0.0), description="on the face z = 0, inside its edges [ours]")
-    target_mm: Triple = Field(default=(18.0, 31.0, 122.0), description="inside the block, below the entry [paper: z = 122]")
+    target_mm: Triple = Field(
+        default=(18.0, 31.0, 122.0), description="inside the block, below the entry [paper: z = 122]"
+    )
     speed_mm_s: Number = bounded(10.0, 0.1, 1000.0, "speed of the target along the path [paper]")
     frame: Literal["world", "tissue"] = Field(
-        default="world", description="world = path fixed in space, tissue = path carried by the deforming tissue [ours]"
+        default="world",
+        description="world = path fixed in space, tissue = path carried by the deforming tissue [ours]",
     )
 
     def path(self) -> Path:
@@ -114,7 +121,9 @@ class SineTrajectory(StraightTrajectory):
     kind: Literal["sine"] = "sine"  # type: ignore[assignment]
     amplitude_mm: Number = bounded(1.0, 0.0, 20.0, "amplitude of the overlay [ours]")
     periods: Number = bounded(1.0, 0.1, 10.0, "periods over the whole path [paper: one]")
-    direction: Triple = Field(default=(1.0, 0.0, 0.0), description="world vector, made perpendicular to the path [paper: +-x, +-y]")
+    direction: Triple = Field(
+        default=(1.0, 0.0, 0.0), description="world vector, made perpendicular to the path [paper: +-x, +-y]"
+    )
 
     def path(self) -> Path:
         """The path in rest space, metres."""
@@ -141,7 +150,9 @@ class InverseFem(Block):
     gain: Number = bounded(1.0, 0.0, 2.0, "k of the three tip objectives [ours]")
     rcm_gain: Number = bounded(1.0, 0.0, 2.0, "k of the two remote-centre objectives; 0 = rows left out [ours]")
     damping: Number = bounded(0.05, 0.0, 10.0, "d of J^T (J J^T + d^2 I)^-1, dimensionless [ours]")
-    lever_arm_mm: Number = bounded(100.0, 1.0, 1000.0, "length that makes rotations comparable with translations [ours]")
+    lever_arm_mm: Number = bounded(
+        100.0, 1.0, 1000.0, "length that makes rotations comparable with translations [ours]"
+    )
 
 
 class Replay(Block):
@@ -167,14 +178,19 @@ class Solver(Block):
     force_tolerance_n: Number = bounded(1e-5, 1e-12, 1e-2, "largest nodal force residual [ours]")
     violation_tolerance_mm: Number = bounded(1e-5, 1e-10, 1e-1, "largest constraint violation [ours]")
     max_iterations: Annotated[int, Field(strict=True)] = Field(
-        default=60, ge=1, le=10_000, description="iterations of a step before it is a failure; 1 to 10000 [ours]"
+        default=60,
+        ge=1,
+        le=10_000,
+        description="iterations of a step before it is a failure; 1 to 10000 [ours]",
     )
 
 
 class Recording(Block):
     """What is kept for looking at; it never changes the simulation."""
 
-    enabled: Annotated[bool, Field(strict=True)] = Field(default=True, description="write recording.rrd and tissue frames")
+    enabled: Annotated[bool, Field(strict=True)] = Field(
+        default=True, description="write recording.rrd and tissue frames"
+    )
     every_steps: Annotated[int, Field(strict=True)] = Field(
         default=10, ge=1, le=10_000, description="steps between two tissue frames; 1 to 10000 [ours]"
     )
@@ -190,11 +206,15 @@ class Scenario(Block):
 
     model_config = ConfigDict(extra="forbid", frozen=True, hide_input_in_errors=True, serialize_by_alias=True)
 
-    schema_id: Literal["needlebench/scenario/1"] = Field(default=SCHEMA, alias="schema", description="version of this format")
+    schema_id: Literal["needlebench/scenario/1"] = Field(
+        default=SCHEMA, alias="schema", description="version of this format"
+    )
     name: Name = Field(default="unnamed", description="1 to 100 letters, digits, spaces and . , : + ( ) / - _")
     seed: Annotated[int, Field(strict=True)] = Field(default=0, ge=0, le=2**53 - 1, description="0 to 2^53 - 1")
     dt_s: Number = bounded(0.01, 1e-4, 0.1, "time step [ours]")
-    noise_mm: Number = bounded(0.0, 0.0, 5.0, "uniform noise of the target per axis, redrawn every 10 ms [paper: 0.25 in training]")
+    noise_mm: Number = bounded(
+        0.0, 0.0, 5.0, "uniform noise of the target per axis, redrawn every 10 ms [paper: 0.25 in training]"
+    )
     tissue: Tissue = Tissue()
     needle: Needle = Needle()
     interaction: Interaction = Interaction()
@@ -219,7 +239,12 @@ class Scenario(Block):
         if self.interaction.spacing_mm is None:
             spacing = max(MINIMUM_SPACING_MM, self.tissue.element_size_mm)
             object.__setattr__(self, "interaction", self.interaction.model_copy(update={"spacing_mm": spacing}))
-        problems = [*_needle_problems(self), *_tissue_problems(self), *_path_problems(self), *_pose_problems(self)]
+        problems = [
+            *_needle_problems(self),
+            *_tissue_problems(self),
+            *_path_problems(self),
+            *_pose_problems(self),
+        ]
         if problems:
             raise ScenarioError(problems)
         return self
@@ -258,7 +283,9 @@ class Scenario(Block):
     def warnings(self) -> list[str]:
         """What is allowed but unusual."""
         if self.interaction.friction > 0.3:
-            return [f"interaction.friction = {self.interaction.friction}: above 0.3 the friction law is far from associated"]
+            return [
+                f"interaction.friction = {self.interaction.friction}: above 0.3 the friction law is far from associated"
+            ]
         return []
 
 
@@ -307,7 +334,13 @@ def _overlay_problems(s: Scenario) -> list[Problem]:
         return []
     chord = np.subtract(path.target_mm, path.entry_mm)
     if np.linalg.norm(np.cross(path.direction, chord)) <= 1e-9 * np.linalg.norm(chord):
-        return [Problem("trajectory.direction", list(path.direction), "must be a vector across the path, neither zero nor along it")]
+        return [
+            Problem(
+                "trajectory.direction",
+                list(path.direction),
+                "must be a vector across the path, neither zero nor along it",
+            )
+        ]
     points = path.path().curve(np.linspace(0.0, 1.0, 1001))
     low, high = points.min(axis=0), points.max(axis=0)
     if (low < -1e-12).any() or (high > np.array(s.tissue.size_mm) * 1e-3 + 1e-12).any():
@@ -327,7 +360,13 @@ def _pose_problems(s: Scenario) -> list[Problem]:
     for i, pose in enumerate(s.controller.poses):
         norm = math.hypot(*pose[3:])
         if abs(norm - 1.0) > 1e-3:
-            return [Problem(f"controller.poses[{i}]", list(pose), f"must hold a unit quaternion qw, qx, qy, qz; its norm is {norm:.6g}")]
+            return [
+                Problem(
+                    f"controller.poses[{i}]",
+                    list(pose),
+                    f"must hold a unit quaternion qw, qx, qy, qz; its norm is {norm:.6g}",
+                )
+            ]
         if max(abs(c) for c in pose[:3]) > 10_000.0:
             return [Problem(f"controller.poses[{i}]", list(pose), "must lie within +-10000 mm")]
     return []

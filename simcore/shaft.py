@@ -48,9 +48,7 @@ def shaft_weights(elements: int, element_length: float, s: float) -> tuple[int, 
 
 
 @kernel
-def shaft_frame(
-    x: Vector, R: Vector, element_length: float, s: float
-) -> tuple[Vector, Vector, Vector, int, Vector]:
+def shaft_frame(x: Vector, R: Vector, element_length: float, s: float) -> tuple[Vector, Vector, Vector, int, Vector]:
     """Point c (3,) m, dc/ds, d2c/ds2 (3,), element e and weights h (4,) at the rest arc length s m.
 
     x: (n+1, 3) m, R: (n+1, 3, 3), world. dc/ds is not of unit length where the needle is stretched or curved.
@@ -94,3 +92,14 @@ def shaft_columns(R: Vector, e: int, h: Vector, out: Vector) -> None:
             b, c = (a + 1) % 3, (a + 2) % 3
             out[b, column + 3 + c] = along * R[i, a, 2]
             out[c, column + 3 + b] = -along * R[i, a, 2]
+
+
+@kernel
+def shaft_polyline(x: Vector, R: Vector, element_length: float, points: int) -> Vector:
+    """(points, 3) m: the shaft from base to tip at equal rest arc lengths, for drawing."""
+    out = np.empty((points, 3))
+    for k in range(points):
+        c, _, _, _, _ = shaft_frame(x, R, element_length, element_length * (len(x) - 1) * k / (points - 1))
+        for i in range(3):
+            out[k, i] = c[i]
+    return out

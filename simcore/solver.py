@@ -16,10 +16,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from simcore.beam import internal
-from simcore.needle import factor_blocks, solve_blocks
 from simcore.channel import Channel, ChannelModel, Phase, inserted_rest_length, tributary_lengths
 from simcore.compliance import Compliance, NotPositiveDefinite
-from simcore.contact_laws import level, solve_laws, staircases
+from simcore.contact_laws import law_residual, solve_laws, staircases
 from simcore.coupling import (
     constraint_geometry,
     local_compliance,
@@ -33,8 +32,8 @@ from simcore.coupling import (
     to_world,
 )
 from simcore.errors import Status
-from simcore.needle import NeedleModel, advance
-from simcore.rotations import compose, log_map
+from simcore.needle import NeedleModel, advance, factor_blocks, solve_blocks
+from simcore.rotations import log_map
 from simcore.scenario import Interaction, Solver
 from simcore.tissue import TissueModel, elastic_forces, rotated_stiffness_times
 
@@ -131,8 +130,9 @@ class Coupled:
                 return bodies, replace(report, status=Status.NOT_CONVERGED, message="no consistent contact state")
             since += 1
         message = (
-            f"residual {residual:.3g} N (allowed {self.solver.force_tolerance_n:g}), violation {violation * 1e3:.3g} mm "
-            f"(allowed {self.solver.violation_tolerance_mm:g}), law {law:.3g} N after {iteration} iterations"
+            f"residual {residual:.3g} N (allowed {self.solver.force_tolerance_n:g}), "
+            f"violation {violation * 1e3:.3g} mm (allowed {self.solver.violation_tolerance_mm:g}), "
+            f"law {law:.3g} N after {iteration} iterations"
         )
         return bodies, replace(report, status=Status.NOT_CONVERGED, message=message)
 
@@ -197,7 +197,13 @@ class Coupled:
         if t.stiffness_damping_s > 0.0:
             rotated_stiffness_times((b.x - self.start.x) / self.dt_s, *material, self.damping)
         internal(
-            b.needle_x, b.needle_R, *self.needle.constants, self.needle_forces, self.diag, self.upper, self.lower
+            b.needle_x,
+            b.needle_R,
+            *self.needle.constants,
+            self.needle_forces,
+            self.diag,
+            self.upper,
+            self.lower,
         )
         self._geometry()
         residual = tissue_residual(
@@ -224,13 +230,12 @@ class Coupled:
     def _geometry(self) -> None:
         b, c, rest = self.bodies, self.channel, self.channel_model.rest_m
         length = self.needle.element_length_m
-        place = (b.x, rest, b.needle_x, b.needle_R, length)
+        place = (self.channel.rest_m, *self._balls(), b.x, rest, b.needle_x, b.needle_R)
         constraint_geometry(
             self.contact,
             self.elements,
-            c.rest_m,
-            *self._balls(),
             *place,
+            length,
             self.mode,
             self.breaks,
             self.arc,
@@ -245,7 +250,7 @@ class Coupled:
             self.base_friction = np.zeros(len(self.elements))
             return
         self.all_arcs[self.elements] = self.arc
-        project_inactive(c.count, c.active, c.rest_m, *self._balls(), *place, self.all_arcs)
+        project_inactive(c.count, c.active, *place, length, self.all_arcs)
         self.inserted_m = inserted_rest_length(c.depth_m, self.all_arcs, c.count, self.needle.length_m)
         tributary_lengths(c.depth_m, c.active, c.count, self.inserted_m, self.tributary)
         self.base_friction = self.adhesion_n_per_m * self.tributary[self.elements]
@@ -258,14 +263,9 @@ class Coupled:
 
     def _law_residual(self) -> float:
         """Largest distance of an axial force from its level (sliding elements), N."""
-        local, worst = to_local(self.frames, self.force), 0.0
+        local = to_local(self.frames, self.force)
         friction = 0.0 if self.contact else self.interaction.friction
-        for i in np.flatnonzero(self.mode % 2 == 0):
-            k = self.mode[i] // 2
-            lateral = float(np.hypot(local[i, 0], local[i, 1]))
-            wanted = level(self.sign[i, k], self.extra[i, k], self.base_friction[i], friction, lateral)
-            worst = max(worst, abs(local[i, 2] - wanted))
-        return worst
+        return law_residual(local, self.mode, self.sign, self.extra, self.base_friction, friction)
 
     def linear_response(self) -> tuple[Vector, Vector]:
         """(3a, 3a) m/N compliance in local frames, and the needle's nodal moves (n, 6, 3a) per world force on it."""
@@ -339,8 +339,4 @@ class Coupled:
 
     def base_wrench(self) -> Vector:
         """(6,) N, N m of the robot on the needle's base, at the last evaluated state."""
-        return -self.needle_rest[0]
-
-    def base_rotation_gap(self, rotation: Vector) -> Vector:
-        """(3,) rad from the present base to `rotation`."""
-        return log_map(compose(rotation, self.bodies.needle_R[0].T.copy()))
+        return np.asarray(-self.needle_rest[0])

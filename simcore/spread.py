@@ -103,7 +103,9 @@ def ball_weights(
 
 
 @kernel
-def displaced(rest: Vector, nodes: Indices, weights: Vector, count: int, x: Vector, x_rest: Vector, out: Vector) -> None:
+def displaced(
+    rest: Vector, nodes: Indices, weights: Vector, count: int, x: Vector, x_rest: Vector, out: Vector
+) -> None:
     """out (3,) = X + sum_a w_a (x_a - X_a): where the material ball around the rest point X is now."""
     for i in range(3):
         out[i] = rest[i]

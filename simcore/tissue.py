@@ -135,7 +135,11 @@ def polar_rotation(f: Vector, r: Vector) -> bool:
         w2 = h * (c02 * a0 + c12 * a1 + c22 * a2)
         square = w0 * w0 + w1 * w1 + w2 * w2
         k = 2.0 / (1.0 + square)
-        e00, e11, e22 = 1.0 - k * (w1 * w1 + w2 * w2), 1.0 - k * (w0 * w0 + w2 * w2), 1.0 - k * (w0 * w0 + w1 * w1)
+        e00, e11, e22 = (
+            1.0 - k * (w1 * w1 + w2 * w2),
+            1.0 - k * (w0 * w0 + w2 * w2),
+            1.0 - k * (w0 * w0 + w1 * w1),
+        )
         e01, e10 = k * (w0 * w1 - w2), k * (w0 * w1 + w2)
         e02, e20 = k * (w0 * w2 + w1), k * (w0 * w2 - w1)
         e12, e21 = k * (w1 * w2 - w0), k * (w1 * w2 + w0)
@@ -163,7 +167,14 @@ def cold_polar_rotation(f: Vector, r: Vector) -> None:
 
 @kernel
 def elastic_forces(
-    x: Vector, tets: Indices, gradients: Vector, volumes: Vector, mu: float, lam: float, rotations: Vector, forces: Vector
+    x: Vector,
+    tets: Indices,
+    gradients: Vector,
+    volumes: Vector,
+    mu: float,
+    lam: float,
+    rotations: Vector,
+    forces: Vector,
 ) -> tuple[float, float]:
     """Forces that hold the tissue in place, (n, 3) N, written; returns (min det F, elastic energy in J).
 
@@ -194,9 +205,7 @@ def elastic_forces(
             for i in range(3):
                 forces[t[a], i] += p[3 * i] * g[a, 0] + p[3 * i + 1] * g[a, 1] + p[3 * i + 2] * g[a, 2]
         det = (
-            f[0] * (f[4] * f[8] - f[5] * f[7])
-            - f[1] * (f[3] * f[8] - f[5] * f[6])
-            + f[2] * (f[3] * f[7] - f[4] * f[6])
+            f[0] * (f[4] * f[8] - f[5] * f[7]) - f[1] * (f[3] * f[8] - f[5] * f[6]) + f[2] * (f[3] * f[7] - f[4] * f[6])
         )
         least = min(least, det)
     return least, energy
@@ -204,9 +213,16 @@ def elastic_forces(
 
 @kernel
 def rotated_stiffness_times(
-    v: Vector, tets: Indices, gradients: Vector, volumes: Vector, mu: float, lam: float, rotations: Vector, out: Vector
+    v: Vector,
+    tets: Indices,
+    gradients: Vector,
+    volumes: Vector,
+    mu: float,
+    lam: float,
+    rotations: Vector,
+    out: Vector,
 ) -> None:
-    """out = sum R_e K_e R_e^T v, (n, 3): K_e the linear stiffness, so out_a = V R (2 mu eps + lambda tr(eps) I) grad N_a
+    """out = sum R_e K_e R_e^T v, (n, 3), K_e the linear stiffness: out_a = V R (2 mu eps + lambda tr(eps) I) grad N_a
     with eps = sym(R^T grad v). Used for the stiffness-proportional damping."""
     out[:] = 0.0
     for e in range(len(tets)):

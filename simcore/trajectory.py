@@ -129,9 +129,7 @@ def targets(path: Path, *, speed_m_s: float, dt_s: float, steps: int) -> Vector:
     return path.point(speed_m_s * dt_s * np.arange(steps + 1))
 
 
-def held_noise(
-    rng: np.random.Generator, *, amplitude_m: float, hold_s: float, dt_s: float, steps: int
-) -> Vector:
+def held_noise(rng: np.random.Generator, *, amplitude_m: float, hold_s: float, dt_s: float, steps: int) -> Vector:
     """Uniform noise (steps + 1, 3) m in +-amplitude per axis, redrawn every `hold_s` and held between.
 
     Redrawing by time and not by step makes the noise mean the same at every dt.

@@ -48,5 +48,4 @@ def objectives(response: Linearisation, tip_error_m: Vector, settings: InverseFe
 def damped_inverse(jacobian: Vector, damping: float) -> Vector:
     """J^+ = J^T (J J^T + d^2 I)^-1 (Wampler 1986; Nakamura and Hanafusa 1986)."""
     gram = jacobian @ jacobian.T + damping**2 * np.eye(len(jacobian))
-    inverse: Vector = np.linalg.solve(gram, jacobian).T
-    return inverse
+    return np.asarray(np.linalg.solve(gram, jacobian).T)
