@@ -17,11 +17,12 @@ RESULT, SERIES = "result.json", "series.npz"
 
 
 def write(rollout: Rollout, folder: Path) -> list[Path]:
-    """Write series.npz, then result.json: who sees a result finds its series. Returns the two paths."""
+    """Write series.npz, then result.json: who sees a result finds its own series. Returns the two paths."""
+    text = json.dumps(rollout.result(), indent=2, allow_nan=False) + "\n"
     folder.mkdir(parents=True, exist_ok=True)
     series, result = folder / SERIES, folder / RESULT
+    result.unlink(missing_ok=True)
     replace_atomically(series, lambda file: np.savez_compressed(file, allow_pickle=False, **rollout.series))
-    text = json.dumps(rollout.result(), indent=2, allow_nan=False) + "\n"
     replace_atomically(result, lambda file: file.write(text.encode()))
     return [result, series]
 

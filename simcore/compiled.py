@@ -52,5 +52,5 @@ def kernel(function: Function) -> Function:
 
 
 def inlined(function: Function) -> Function:
-    """A kernel that is meant to melt into its callers."""
-    return cast(Function, numba.njit(cache=True, error_model="numpy", inline="never")(function))
+    """A kernel that melts into its callers, where a call would stop the vectoriser."""
+    return cast(Function, numba.njit(cache=True, error_model="numpy", inline="always")(function))

@@ -1,20 +1,22 @@
 """The tissue's factor, kept from step to step, and its compliance at the constraint points.
 
 The factor belongs to an EARLIER configuration, often the rest one: the coupled solve iterates on the true residual, so
-a stale factor costs iterations, never accuracy. Columns A^-1 B^T are kept with it.
+a stale factor costs iterations, never accuracy. For the same reason single precision is enough for it, at half the
+memory traffic. Columns A^-1 B^T are kept with it.
 """
 
 from __future__ import annotations
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.linalg.lapack import dpbtrf, dpbtrs
+from scipy.linalg.lapack import spbtrf, spbtrs
 
 from simcore.channel import Channel
 from simcore.compiled import kernel
 from simcore.tissue import TissueModel, assemble_band
 
 Vector = NDArray[np.float64]
+Single = NDArray[np.float32]
 Indices = NDArray[np.int64]
 
 TIP_COLUMN_REUSE_M = 0.5e-3  # the channel end may move so far before its columns are computed anew
@@ -31,10 +33,10 @@ class Compliance:
         self.tissue = tissue
         self.scale = 1.0 + tissue.stiffness_damping_s / dt_s
         self.diagonal = tissue.masses_kg * (1.0 / dt_s**2 + tissue.mass_damping_per_s / dt_s)
-        self.columns = np.zeros((capacity, 3, tissue.unknowns))
+        self.columns = np.zeros((capacity, 3, tissue.unknowns), np.float32)
         self.column_rest_m = np.full((capacity, 3), np.nan)
         self.between_points = np.zeros((3 * capacity, 3 * capacity))
-        self._band = np.zeros((tissue.band + 1, tissue.unknowns), order="F")
+        self._band = np.zeros((tissue.band + 1, tissue.unknowns), np.float32, order="F")
         self.refactor(np.tile(np.eye(3).ravel(), (len(tissue.mesh.tets), 1)))
 
     def refactor(self, rotations: Vector) -> None:
@@ -42,14 +44,14 @@ class Compliance:
         t = self.tissue
         material = (t.gradients, t.volumes_m3, t.mu_pa, t.lambda_pa)
         assemble_band(t.mesh.tets, *material, rotations, t.unknown, self.scale, self.diagonal, self._band)
-        self.factor, info = dpbtrf(self._band, lower=1)
+        self.factor, info = spbtrf(self._band, lower=1)
         if info != 0:
             raise NotPositiveDefinite(f"the stiffness is not positive definite in row {info}")
         self.column_rest_m[:] = np.nan
 
-    def solve(self, right: Vector) -> Vector:
-        """A^-1 right, (unknowns,) or (unknowns, k)."""
-        solution: Vector = dpbtrs(self.factor, right, lower=1)[0]
+    def solve(self, right: Vector | Single) -> Single:
+        """A^-1 right, (unknowns,) or (unknowns, k), in single precision."""
+        solution: Single = spbtrs(self.factor, right.astype(np.float32), lower=1)[0]
         return solution
 
     def sync(self, channel: Channel) -> None:
@@ -75,7 +77,7 @@ class Compliance:
         return bool(not distance <= allowed)
 
     def _compute_columns(self, channel: Channel, element: int) -> None:
-        right = np.zeros((self.tissue.unknowns, 3), order="F")
+        right = np.zeros((self.tissue.unknowns, 3), np.float32, order="F")
         for k in range(channel.touched[element]):
             rank = self.tissue.unknown[channel.nodes[element, k]]
             if rank >= 0:
@@ -93,7 +95,7 @@ def compliance_rows(
     weights: Vector,
     touched: Indices,
     unknown: Indices,
-    columns: Vector,
+    columns: Single,
     between: Vector,
 ) -> None:
     """Displacement of one element's ball under unit forces on every element: its rows of `between`, and by symmetry."""

@@ -15,6 +15,7 @@ from simcore.shaft import shaft_columns, shaft_frame
 from simcore.spread import displaced
 
 Vector = NDArray[np.float64]
+Single = NDArray[np.float32]
 Indices = NDArray[np.int64]
 Flags = NDArray[np.bool_]
 
@@ -190,7 +191,7 @@ def tissue_moves(
     weights: Vector,
     touched: Indices,
     unknown: Indices,
-    moves: Vector,
+    moves: Single,
     out: Vector,
 ) -> None:
     """out (a, 3): displacement of each ball under the nodal moves (unknowns,)."""

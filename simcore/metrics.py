@@ -21,6 +21,21 @@ Series = Mapping[str, NDArray[Any]]
 LOST_ERROR_MM = 2.0
 LOST_TIME_S = 0.5
 FORCE_FLOOR_N = 0.01  # below it the ratio of summed to resultant lateral force says nothing
+MEASURED = (
+    "rmse_mm",
+    "rmse_same_index_mm",
+    "cross_track_rmse_mm",
+    "p95_error_mm",
+    "max_error_mm",
+    "final_error_mm",
+    "rcm_mean_mm",
+    "rcm_max_mm",
+    "max_insertion_force_n",
+    "max_tissue_displacement_mm",
+    "min_det_f",
+    "lambda_ratio",
+    "limited_fraction",
+)
 
 
 def root_mean_square(values: Vector) -> float:
@@ -59,17 +74,12 @@ def lambda_ratio(series: Series) -> float | None:
 
 
 def metrics(status: Status, series: Series, path: Path, *, dt_s: float, steps: int) -> dict[str, Any]:
-    """The metrics block of a result; every error is None if not one step was completed."""
+    """The metrics block of a result; every measure is None if not one step was completed."""
     done = len(series["t_s"]) - 1
-    stable = status is Status.COMPLETED and all(np.isfinite(series["tip_m"]).ravel())
+    stable = status is Status.COMPLETED and bool(np.isfinite(series["tip_m"]).all())
     values: dict[str, Any] = {"stable": stable, "success": False, "steps_completed": done, "steps": steps}
     if done == 0:
-        names = ("rmse_mm", "rmse_same_index_mm", "cross_track_rmse_mm", "p95_error_mm", "max_error_mm")
-        names += ("final_error_mm", "rcm_mean_mm", "rcm_max_mm", "max_insertion_force_n", "min_det_f")
-        return {
-            **values,
-            **dict.fromkeys((*names, "max_tissue_displacement_mm", "lambda_ratio", "limited_fraction")),
-        }
+        return {**values, **dict.fromkeys(MEASURED)}
     errors = paper_errors_mm(series)
     rcm = 1e3 * series["rcm_error_m"][1:]
     reached = done == steps

@@ -75,7 +75,7 @@ def with_changes(data: dict[str, Any], changes: list[str]) -> dict[str, Any]:
 def _parsed(value: str) -> Any:
     try:
         return json.loads(value)
-    except json.JSONDecodeError:
+    except (ValueError, RecursionError):
         return value
 
 

@@ -15,15 +15,18 @@ from pydantic import BaseModel, ConfigDict, Field, StringConstraints, Validation
 
 from simcore.errors import Problem, ScenarioError
 from simcore.trajectory import Path, step_count
+from simcore.validation import problems_of
 
 SCHEMA: Literal["needlebench/scenario/1"] = "needlebench/scenario/1"
 MINIMUM_SPACING_MM = 5.0
 STAND_OFF_MM = 20.0
+MINIMUM_DEPTH_MM = 0.1
 MAXIMUM_CELLS = 200_000
 MAXIMUM_STEPS = 1_000_000
 
 Number = Annotated[float, Field(strict=True, allow_inf_nan=False)]
 Triple = tuple[Number, Number, Number]
+Component = Annotated[Number, Field(ge=-1000, le=1000)]
 Face = Literal["x_min", "x_max", "y_min", "y_max", "z_max"]
 
 
@@ -55,7 +58,7 @@ class Tissue(Block):
     fixed_faces: tuple[Face, ...] = Field(
         default=("y_min", "y_max"),
         min_length=1,
-        description="faces held still, among x_min, x_max, y_min, y_max, z_max (not the entry face); at least one [ours]",
+        description="faces held still, one or more of x_min, x_max, y_min, y_max, z_max (z = 0 is the entry) [ours]",
     )
 
     @property
@@ -83,7 +86,8 @@ class Interaction(Block):
         default=None,
         ge=MINIMUM_SPACING_MM,
         le=50.0,
-        description="rest distance of shaft constraint points; element size to 50, at least 5; default max(5, element size) [ours]",
+        description="rest distance of shaft constraint points; 5 to 50, not below tissue.element_size_mm; "
+        "null = max(5, tissue.element_size_mm) [ours]",
     )
     spread_mm: Number = bounded(
         4.0, 0.0, 20.0, "radius of the ball over which a point force is spread, 0 = bare point [ours]"
@@ -99,10 +103,10 @@ class Interaction(Block):
 class StraightTrajectory(Block):
     """A target that slides along a straight line."""
 
-    kind: Literal["line"] = "line"
+    kind: Literal["line"] = Field(default="line", description="line or sine")
     entry_mm: Triple = Field(default=(18.0, 31.0, 0.0), description="on the face z = 0, inside its edges [ours]")
     target_mm: Triple = Field(
-        default=(18.0, 31.0, 122.0), description="inside the block, below the entry [paper: z = 122]"
+        default=(18.0, 31.0, 122.0), description="inside the block, at least 0.1 below the face z = 0 [paper: z = 122]"
     )
     speed_mm_s: Number = bounded(10.0, 0.1, 1000.0, "speed of the target along the path [paper]")
     frame: Literal["world", "tissue"] = Field(
@@ -118,11 +122,12 @@ class StraightTrajectory(Block):
 class SineTrajectory(StraightTrajectory):
     """The straight line with a sine overlay across it."""
 
-    kind: Literal["sine"] = "sine"  # type: ignore[assignment]
+    kind: Literal["sine"] = Field(default="sine", description="line or sine")  # type: ignore[assignment]
     amplitude_mm: Number = bounded(1.0, 0.0, 20.0, "amplitude of the overlay [ours]")
     periods: Number = bounded(1.0, 0.1, 10.0, "periods over the whole path [paper: one]")
-    direction: Triple = Field(
-        default=(1.0, 0.0, 0.0), description="world vector, made perpendicular to the path [paper: +-x, +-y]"
+    direction: tuple[Component, Component, Component] = Field(
+        default=(1.0, 0.0, 0.0),
+        description="world vector of any length, made perpendicular to the path; each -1000 to 1000 [paper: +-x, +-y]",
     )
 
     def path(self) -> Path:
@@ -146,7 +151,7 @@ class Robot(Block):
 class InverseFem(Block):
     """Inverse finite element controller: T = X - J^+ (k o e), objectives tip and remote centre of motion [paper]."""
 
-    kind: Literal["ifem"] = "ifem"
+    kind: Literal["ifem"] = Field(default="ifem", description="ifem, replay or open_loop")
     gain: Number = bounded(1.0, 0.0, 2.0, "k of the three tip objectives [ours]")
     rcm_gain: Number = bounded(1.0, 0.0, 2.0, "k of the two remote-centre objectives; 0 = rows left out [ours]")
     damping: Number = bounded(0.05, 0.0, 10.0, "d of J^T (J J^T + d^2 I)^-1, dimensionless [ours]")
@@ -158,18 +163,19 @@ class InverseFem(Block):
 class Replay(Block):
     """Prescribed base poses, one a step, not filtered by the robot limits."""
 
-    kind: Literal["replay"] = "replay"
+    kind: Literal["replay"] = Field(default="replay", description="ifem, replay or open_loop")
     poses: tuple[tuple[Number, Number, Number, Number, Number, Number, Number], ...] = Field(
         min_length=1,
         max_length=MAXIMUM_STEPS,
-        description="[x_mm, y_mm, z_mm, qw, qx, qy, qz] of the base; identity = needle along +z, tip at base + length z",
+        description="1 to 1000000 poses [x_mm, y_mm, z_mm, qw, qx, qy, qz] of the base: positions within +-10000, unit "
+        "quaternions; identity = needle along +z, tip at base + length z",
     )
 
 
 class OpenLoop(Block):
     """The rigid needle's motion along the straight line from entry to target; no feedback."""
 
-    kind: Literal["open_loop"] = "open_loop"
+    kind: Literal["open_loop"] = Field(default="open_loop", description="ifem, replay or open_loop")
 
 
 class Solver(Block):
@@ -215,14 +221,14 @@ class Scenario(Block):
     noise_mm: Number = bounded(
         0.0, 0.0, 5.0, "uniform noise of the target per axis, redrawn every 10 ms [paper: 0.25 in training]"
     )
-    tissue: Tissue = Tissue()
-    needle: Needle = Needle()
-    interaction: Interaction = Interaction()
-    trajectory: Trajectory = StraightTrajectory()
-    robot: Robot = Robot()
-    controller: Controller = InverseFem()
-    solver: Solver = Solver()
-    recording: Recording = Recording()
+    tissue: Tissue = Field(default=Tissue(), description="the soft block")
+    needle: Needle = Field(default=Needle(), description="the flexible tube that the robot holds")
+    interaction: Interaction = Field(default=Interaction(), description="forces between needle and tissue")
+    trajectory: Trajectory = Field(default=StraightTrajectory(), description="what the tip is asked to follow")
+    robot: Robot = Field(default=Robot(), description="speed limits of the needle's base")
+    controller: Controller = Field(default=InverseFem(), description="what steers the base")
+    solver: Solver = Field(default=Solver(), description="when a step counts as converged")
+    recording: Recording = Field(default=Recording(), description="what is kept for looking at")
 
     @model_validator(mode="before")
     @classmethod
@@ -252,17 +258,16 @@ class Scenario(Block):
     @classmethod
     def load(cls, data: Any) -> Scenario:
         """Validate a JSON value (dict) or a JSON text. Raises ScenarioError, which names every wrong field."""
-        from simcore.validation import problems_of
-
         try:
-            text = data if isinstance(data, str | bytes) else json.dumps(data)
+            if isinstance(data, bytes):
+                data = data.decode(json.detect_encoding(data))  # a redirected PowerShell writes UTF-16
+            text = data if isinstance(data, str) else json.dumps(data)
+        except (TypeError, ValueError, RecursionError) as error:
+            raise ScenarioError([Problem("scenario", type(data).__name__, f"is not JSON: {error}")]) from None
+        try:
             return cls.model_validate_json(text)
         except ValidationError as error:
             raise ScenarioError(problems_of(error, cls, text)) from None
-        except (TypeError, ValueError, RecursionError) as error:
-            if isinstance(error, ScenarioError):
-                raise
-            raise ScenarioError([Problem("scenario", type(data).__name__, f"is not JSON: {error}")]) from None
 
     def resolved(self) -> dict[str, Any]:
         """Every field with its value, as JSON data."""
@@ -290,17 +295,13 @@ class Scenario(Block):
 
 
 def _needle_problems(s: Scenario) -> list[Problem]:
-    problems = []
     needle, spacing = s.needle, s.interaction.spacing_mm
+    problems = []
     if needle.inner_diameter_mm >= needle.outer_diameter_mm:
         allowed = f"must be below needle.outer_diameter_mm = {needle.outer_diameter_mm:g}"
         problems.append(Problem("needle.inner_diameter_mm", needle.inner_diameter_mm, allowed))
-    length = math.dist(s.trajectory.entry_mm, s.trajectory.target_mm)
-    if needle.length_mm < length + STAND_OFF_MM:
-        allowed = f"must be at least {length + STAND_OFF_MM:.6g} (path {length:.6g} plus stand-off {STAND_OFF_MM:g})"
-        problems.append(Problem("needle.length_mm", needle.length_mm, allowed))
     if spacing is not None and spacing < s.tissue.element_size_mm:
-        allowed = f"must be at least tissue.element_size_mm = {s.tissue.element_size_mm:g}: closer rows lock"
+        allowed = f"must be at least tissue.element_size_mm = {s.tissue.element_size_mm:g}, closer rows lock; or null"
         problems.append(Problem("interaction.spacing_mm", spacing, allowed))
     return problems
 
@@ -322,10 +323,10 @@ def _path_problems(s: Scenario) -> list[Problem]:
         allowed = f"must lie on the face z = 0, inside 0 < x < {size[0]:g}, 0 < y < {size[1]:g}"
         return [Problem("trajectory.entry_mm", list(path.entry_mm), allowed)]
     tx, ty, tz = path.target_mm
-    if not (0.0 < tx < size[0] and 0.0 < ty < size[1] and 0.0 < tz <= size[2]):
-        allowed = f"must lie below the entry, inside 0 < x < {size[0]:g}, 0 < y < {size[1]:g}, 0 < z <= {size[2]:g}"
-        return [Problem("trajectory.target_mm", list(path.target_mm), allowed)]
-    return _overlay_problems(s) or _step_problems(s)
+    if not (0.0 < tx < size[0] and 0.0 < ty < size[1] and MINIMUM_DEPTH_MM <= tz <= size[2]):
+        inside = f"0 < x < {size[0]:g}, 0 < y < {size[1]:g}, {MINIMUM_DEPTH_MM:g} <= z <= {size[2]:g}"
+        return [Problem("trajectory.target_mm", list(path.target_mm), f"must lie below the entry, inside {inside}")]
+    return _overlay_problems(s) or [*_length_problems(s), *_step_problems(s)]
 
 
 def _overlay_problems(s: Scenario) -> list[Problem]:
@@ -333,7 +334,8 @@ def _overlay_problems(s: Scenario) -> list[Problem]:
     if not isinstance(path, SineTrajectory):
         return []
     chord = np.subtract(path.target_mm, path.entry_mm)
-    if np.linalg.norm(np.cross(path.direction, chord)) <= 1e-9 * np.linalg.norm(chord):
+    across = np.linalg.norm(np.cross(path.direction, chord))
+    if across <= 1e-9 * np.linalg.norm(path.direction) * np.linalg.norm(chord):
         return [
             Problem(
                 "trajectory.direction",
@@ -346,6 +348,14 @@ def _overlay_problems(s: Scenario) -> list[Problem]:
     if (low < -1e-12).any() or (high > np.array(s.tissue.size_mm) * 1e-3 + 1e-12).any():
         return [Problem("trajectory.amplitude_mm", path.amplitude_mm, "must keep the whole path inside the block")]
     return []
+
+
+def _length_problems(s: Scenario) -> list[Problem]:
+    length = 1e3 * s.path().length_m
+    if s.needle.length_mm >= length + STAND_OFF_MM - 1e-9:
+        return []
+    allowed = f"must be at least {length + STAND_OFF_MM:.6g} (path {length:.6g} plus stand-off {STAND_OFF_MM:g})"
+    return [Problem("needle.length_mm", s.needle.length_mm, allowed)]
 
 
 def _step_problems(s: Scenario) -> list[Problem]:

@@ -32,12 +32,14 @@ from simcore.coupling import (
     to_world,
 )
 from simcore.errors import Status
+from simcore.force_blocks import ForceBlocks
 from simcore.needle import NeedleModel, advance, factor_blocks, solve_blocks
 from simcore.rotations import log_map
 from simcore.scenario import Interaction, Solver
-from simcore.tissue import TissueModel, elastic_forces, rotated_stiffness_times
+from simcore.tissue import TissueModel, rotated_stiffness_times
 
 Vector = NDArray[np.float64]
+Single = NDArray[np.float32]
 Indices = NDArray[np.int64]
 
 LEAST_DET_F = 0.1  # below it a tetrahedron counts as inverted
@@ -88,7 +90,7 @@ class Coupled:
         self.interaction, self.solver, self.dt_s = interaction, solver, dt_s
         self.adhesion_n_per_m = interaction.adhesion_n_per_mm * 1e3
         n, m = len(tissue.mesh.nodes_m), needle.elements
-        self.rotations = np.tile(np.eye(3).ravel(), (len(tissue.mesh.tets), 1))
+        self.blocks = ForceBlocks(tissue)
         self.compliance = Compliance(tissue, dt_s, channel_model.capacity)
         self.held, self.damping = np.zeros((n, 3)), np.zeros((n, 3))
         self.right = np.zeros(tissue.unknowns)
@@ -122,7 +124,7 @@ class Coupled:
             if since >= REFACTOR_AFTER:
                 refactored, since = refactored + 1, 0
                 try:
-                    self.compliance.refactor(self.rotations)
+                    self.compliance.refactor(self.blocks.rotations())
                 except NotPositiveDefinite as error:
                     return bodies, replace(report, status=Status.NOT_POSITIVE_DEFINITE, message=str(error))
                 self.compliance.sync(channel)
@@ -192,10 +194,10 @@ class Coupled:
     def _evaluate(self) -> tuple[float, float, float]:
         """True residuals at the present iterate: force N, violation m, contact law N."""
         t, b = self.tissue, self.bodies
-        material = (t.mesh.tets, t.gradients, t.volumes_m3, t.mu_pa, t.lambda_pa, self.rotations)
-        self.min_det_f, self.energy_j = elastic_forces(b.x, *material, self.held)
+        self.min_det_f = self.blocks.evaluate(b.x, self.held)
         if t.stiffness_damping_s > 0.0:
-            rotated_stiffness_times((b.x - self.start.x) / self.dt_s, *material, self.damping)
+            material = (t.mesh.tets, t.gradients, t.volumes_m3, t.mu_pa, t.lambda_pa)
+            rotated_stiffness_times((b.x - self.start.x) / self.dt_s, *material, self.blocks.rotations(), self.damping)
         internal(
             b.needle_x,
             b.needle_R,
@@ -329,8 +331,8 @@ class Coupled:
             new_arc,
         )
 
-    def _move_tissue(self, step: Vector, change: Vector) -> None:
-        full = np.zeros((self.channel.count, 3))
+    def _move_tissue(self, step: Single, change: Vector) -> None:
+        full = np.zeros((self.channel.count, 3), np.float32)
         full[self.elements] = change
         columns = self.compliance.columns[: self.channel.count].reshape(3 * self.channel.count, -1)
         step += full.ravel() @ columns

@@ -257,7 +257,7 @@ def assemble_band(
     unknown: Indices,
     scale: float,
     diagonal: Vector,
-    band: Vector,
+    band: NDArray[np.float32],
 ) -> None:
     """Lower band of scale * sum R_e K_e R_e^T + diag(diagonal), written: band[i - j, j] = A[i, j].
 

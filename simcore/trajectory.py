@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 Vector = NDArray[np.float64]
 
 _PANELS = 512
+_NARROWINGS = 40  # of the bracket around the nearest point: (2/3)^40 of it is below a picometre
 _NODES, _WEIGHTS = np.polynomial.legendre.leggauss(6)
 
 
@@ -101,21 +102,28 @@ class Path:
 
     def first_tangent(self) -> Vector:
         """(3,) unit tangent at the entry: the direction in which the needle waits."""
-        tangent = self.derivative(np.zeros(1))[0]
-        return tangent / np.linalg.norm(tangent)
+        tangent: Vector = self.derivative(np.zeros(1))[0]
+        tangent /= np.linalg.norm(tangent)
+        return tangent
 
     def distance_m(self, points: Vector) -> Vector:
-        """Cross-track distance (n,) m of points (n, 3) from the path, by dense sampling and local refinement."""
+        """Cross-track distance (n,) m of points (n, 3) from the path: the nearest of dense samples, then a ternary
+        search between its neighbours, which holds beyond the centre of curvature too."""
         points = np.atleast_2d(points)
         u = np.linspace(0.0, 1.0, 4 * _PANELS + 1)
         samples = self.curve(u)
         nearest = np.array([np.argmin(np.sum((samples - point) ** 2, axis=1)) for point in points])
-        best = u[nearest]
-        for _ in range(4):  # Gauss-Newton on the foot of the perpendicular
-            away = self.curve(best) - points
-            slope = self.derivative(best)
-            best = np.clip(best - np.sum(away * slope, axis=1) / np.sum(slope * slope, axis=1), 0.0, 1.0)
-        return np.linalg.norm(self.curve(best) - points, axis=1)
+        low, high = u[np.maximum(nearest - 1, 0)], u[np.minimum(nearest + 1, len(u) - 1)]
+        for _ in range(_NARROWINGS):
+            third = (high - low) / 3
+            nearer = self._gaps(low + third, points) < self._gaps(high - third, points)
+            low, high = np.where(nearer, low, low + third), np.where(nearer, high - third, high)
+        return self._gaps(0.5 * (low + high), points)
+
+    def _gaps(self, u: Vector, points: Vector) -> Vector:
+        """Distances (n,) m between the path at u (n,) and points (n, 3)."""
+        gaps: Vector = np.linalg.norm(self.curve(u) - points, axis=1)
+        return gaps
 
 
 def step_count(path_length_m: float, speed_m_s: float, dt_s: float) -> int:
@@ -126,7 +134,7 @@ def step_count(path_length_m: float, speed_m_s: float, dt_s: float) -> int:
 
 def targets(path: Path, *, speed_m_s: float, dt_s: float, steps: int) -> Vector:
     """n_traj(t_i), (steps + 1, 3) m: row 0 the entry, row i at arc length speed * i * dt, clipped to the end."""
-    return path.point(speed_m_s * dt_s * np.arange(steps + 1))
+    return path.point(speed_m_s * dt_s * np.arange(steps + 1, dtype=np.float64))
 
 
 def held_noise(rng: np.random.Generator, *, amplitude_m: float, hold_s: float, dt_s: float, steps: int) -> Vector:
@@ -138,4 +146,5 @@ def held_noise(rng: np.random.Generator, *, amplitude_m: float, hold_s: float, d
         return np.zeros((steps + 1, 3))
     window = np.floor(np.arange(steps + 1) * (dt_s / hold_s) + 1e-9).astype(int)
     draws = rng.uniform(-amplitude_m, amplitude_m, (int(window[-1]) + 1, 3))
-    return draws[window]
+    held: Vector = draws[window]
+    return held

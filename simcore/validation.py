@@ -2,110 +2,108 @@
 
 from __future__ import annotations
 
-import json
-from collections.abc import Iterable
-from typing import Any
+from dataclasses import dataclass
+from typing import Any, get_args
 
 from pydantic import BaseModel, ValidationError
+from pydantic.fields import FieldInfo
+from pydantic_core import ErrorDetails, from_json
 
 from simcore.errors import Problem, ScenarioError
 
+MAXIMUM_PROBLEMS = 20
+MAXIMUM_NAME = 60
+
+Location = tuple[int | str, ...]
+
 
 def problems_of(error: ValidationError, model: type[BaseModel], text: str | bytes) -> list[Problem]:
-    """One problem for each wrong field of `text`, which was validated as `model`."""
+    """One problem for each wrong field of `text`, which was validated as `model`; the first 20 of very many."""
+    details = _without_echoes(error.errors(include_url=False))
+    if any(item["type"] == "json_invalid" for item in details):
+        return [Problem("scenario", "text", f"is not JSON: {details[0]['msg'].removeprefix('Invalid JSON: ')}")]
+    data = from_json(text)
     problems: list[Problem] = []
-    for item in error.errors(include_url=False, include_context=True):
+    for item in details[:MAXIMUM_PROBLEMS]:
         cause = item.get("ctx", {}).get("error")
-        if isinstance(cause, ScenarioError):
-            problems.extend(cause.problems)
-        elif item["type"].startswith("json_"):
-            problems.append(Problem("scenario", "text", f"is not JSON: {item['msg']}"))
-        else:
-            problems.append(_problem(item, model, json.loads(text)))
+        problems += (
+            cause.problems if isinstance(cause, ScenarioError) else [_problem(item, _find(model, data, item["loc"]))]
+        )
+    if len(details) > MAXIMUM_PROBLEMS:
+        problems.append(Problem("scenario", f"{len(details)} problems", f"the first {MAXIMUM_PROBLEMS} are named"))
     return problems
 
 
-def _problem(item: Any, model: type[BaseModel], data: Any) -> Problem:
-    names = _without_tags(item["loc"], data)
-    field = _dotted(names) or "scenario"
-    value = _value_at(data, names)
-    if item["type"] == "extra_forbidden":
-        known = ", ".join(sorted(_fields_beside(model, data, names)))
-        return Problem(field, value, f"unknown field; known here: {known}")
-    if item["type"] in ("union_tag_invalid", "union_tag_not_found"):
-        kinds = item["ctx"].get("expected_tags", "").replace("'", "") or "line, sine / ifem, replay, open_loop"
-        got = value.get("kind") if isinstance(value, dict) else value
-        return Problem(f"{field}.kind", got, f"must be one of {kinds}")
-    message = item["msg"].replace("Input should", "should").removeprefix("Value error, ")
-    allowed = _description(model, data, names)
-    return Problem(field, value, f"{message} (allowed: {allowed})" if allowed else message)
+def _without_echoes(details: list[ErrorDetails]) -> list[ErrorDetails]:
+    """A list that is too short only because its items were wrong is no error of its own."""
+    wrong = {item["loc"][:depth] for item in details for depth in range(1, len(item["loc"]))}
+    return [item for item in details if item["type"] != "too_short" or item["loc"] not in wrong]
 
 
-def _without_tags(loc: Iterable[str | int], data: Any) -> list[str | int]:
-    """pydantic puts the tag of a union into the location: drop it, it is not a field."""
-    names: list[str | int] = []
-    at = data
-    for step in loc:
-        if isinstance(at, dict) and at.get("kind") == step and step not in at:
-            continue
-        names.append(step)
-        at = _value_at(at, [step])
-    return names
+@dataclass(frozen=True)
+class _Place:
+    """Where an error is: its dotted name, the value there, the model that has the field, the field."""
+
+    name: str
+    value: Any
+    holder: type[BaseModel] | None
+    field: FieldInfo | None
 
 
-def _dotted(names: list[str | int]) -> str:
-    text = ""
-    for name in names:
-        text += f"[{name}]" if isinstance(name, int) else f".{name}" if text else name
-    return text
-
-
-def _value_at(data: Any, names: Iterable[str | int]) -> Any:
-    for name in names:
-        try:
-            data = data[name]
-        except (KeyError, IndexError, TypeError):
-            return None
-    return data
-
-
-def _model_at(model: type[BaseModel], data: Any, names: list[str | int]) -> type[BaseModel] | None:
-    """The pydantic model that holds the last of `names`."""
+def _find(model: type[BaseModel], data: Any, location: Location) -> _Place:
+    """Follow pydantic's location; the tag that it adds to it below a union of kinds is not a field."""
     here: type[BaseModel] | None = model
-    for depth, name in enumerate(names[:-1]):
-        info = _field(here, name) if here is not None else None
-        if info is None:
-            return None
-        block = _value_at(data, names[: depth + 1])
-        here = _choose(info.annotation, block)
-    return here
+    holder: type[BaseModel] | None = None
+    field: FieldInfo | None = None
+    tags: dict[str, type[BaseModel]] = {}
+    name = ""
+    for step in location:
+        if step in tags:
+            here, tags = tags[str(step)], {}
+            continue
+        data = _item(data, step)
+        if isinstance(step, int):
+            name += f"[{step}]"
+            continue
+        name += f".{_shown(step)}" if name else _shown(step)
+        holder, field = here, _field(here, step) if here else None
+        models = _models(field) if field else []
+        here = models[0] if len(models) == 1 else None
+        tags = {m.model_fields["kind"].default: m for m in models} if len(models) > 1 else {}
+    return _Place(name or "scenario", data, holder, field)
 
 
-def _field(model: type[BaseModel], name: str | int) -> Any:
-    for key, info in model.model_fields.items():
-        if name in (key, info.alias) and (info.alias is None or name == info.alias):
-            return info
-    return None
+def _problem(item: ErrorDetails, place: _Place) -> Problem:
+    if item["type"] == "extra_forbidden":
+        known = sorted(info.alias or name for name, info in place.holder.model_fields.items()) if place.holder else []
+        return Problem(place.name, place.value, f"unknown field; known here: {', '.join(known)}")
+    if item["type"] == "union_tag_invalid":
+        kinds = item["ctx"]["expected_tags"].replace("'", "")
+        return Problem(f"{place.name}.kind", _item(place.value, "kind"), f"must be one of {kinds}")
+    message = item["msg"].replace("Input should", "should").replace("Field required", "is missing")
+    message = message.replace("Tuple", "list").replace("String", "text").replace(" after validation", "")
+    allowed = place.field.description if place.field and not _models(place.field) else None
+    return Problem(place.name, place.value, f"{message} (allowed: {allowed})" if allowed else message)
 
 
-def _choose(annotation: Any, block: Any) -> type[BaseModel] | None:
-    """The model meant by an annotation: itself, or the member of a union whose kind the block names."""
-    if isinstance(annotation, type) and issubclass(annotation, BaseModel):
-        return annotation
-    kind = block.get("kind") if isinstance(block, dict) else None
-    for member in getattr(annotation, "__args__", ()):
-        if isinstance(member, type) and issubclass(member, BaseModel) and member.model_fields["kind"].default == kind:
-            return member
-    return None
+def _item(data: Any, step: int | str) -> Any:
+    try:
+        return data[step]
+    except (KeyError, IndexError, TypeError):
+        return None
 
 
-def _fields_beside(model: type[BaseModel], data: Any, names: list[str | int]) -> list[str]:
-    holder = _model_at(model, data, names)
-    return [info.alias or key for key, info in holder.model_fields.items()] if holder else []
+def _field(model: type[BaseModel], name: str) -> FieldInfo | None:
+    return next((info for key, info in model.model_fields.items() if name == (info.alias or key)), None)
 
 
-def _description(model: type[BaseModel], data: Any, names: list[str | int]) -> str:
-    fields = [name for name in names if isinstance(name, str)]
-    holder = _model_at(model, data, list(fields)) if fields else None
-    info = _field(holder, fields[-1]) if holder else None
-    return (info.description or "") if info else ""
+def _models(field: FieldInfo) -> list[type[BaseModel]]:
+    """The model of a block, the models of a union of kinds, nothing for a plain value."""
+    members: tuple[Any, ...] = get_args(field.annotation) or (field.annotation,)
+    return [member for member in members if isinstance(member, type) and issubclass(member, BaseModel)]
+
+
+def _shown(name: str) -> str:
+    """A field's name on one line: whatever stands in the input."""
+    name = name if name.isprintable() else repr(name)
+    return name if len(name) <= MAXIMUM_NAME else name[: MAXIMUM_NAME - 3] + "..."
