@@ -26,7 +26,7 @@ _PRESETS: dict[str, tuple[str, dict[str, Any]]] = {
         {"trajectory": {"kind": "sine", "target_mm": [24, 41, 122], "amplitude_mm": 1.0}},
     ),
     "replay": (
-        "prescribed base poses: push 30 mm straight in, hold, pull 10 mm back",
+        "prescribed base poses: push 30 mm straight in, hold, pull 1.5 mm back, push again",
         {
             "trajectory": {"kind": "line", "target_mm": [18, 31, 30]},
             "controller": {
@@ -36,7 +36,8 @@ _PRESETS: dict[str, tuple[str, dict[str, Any]]] = {
                     for depth in [
                         *(0.1 * (i + 1) for i in range(300)),
                         *(30.0 for _ in range(20)),
-                        *(30.0 - 0.1 * (i + 1) for i in range(100)),
+                        *(30.0 - 0.05 * (i + 1) for i in range(30)),
+                        *(28.5 + 0.05 * (i + 1) for i in range(30)),
                     ]
                 ],
             },
