@@ -23,6 +23,8 @@ Vector = NDArray[np.float64]
 Indices = NDArray[np.int64]
 Flags = NDArray[np.bool_]
 
+POINT_TOLERANCE_M = 1e-12  # a ball sits at its place to this; far below every constraint tolerance
+
 
 class Phase(IntEnum):
     """Whether the surface has been punctured."""
@@ -202,7 +204,7 @@ def advance_end(channel: Channel, model: ChannelModel, x: Vector, tip_m: Vector)
     Afterwards p(X_c) = tip exactly, so that the next step begins without a gap.
     """
     before, start = channel.rest_m[0].copy(), channel.length_m
-    after = _material_point(channel, model, 0, x, tip_m)
+    after = _material_point(channel, model, 0, x, tip_m).copy()
     channel.depth_m[0] = start + float(np.linalg.norm(after - before))
     while channel.count < model.capacity and channel.depth_m[0] >= (channel.count - 1) * model.spacing_m:
         depth = (channel.count - 1) * model.spacing_m
@@ -222,21 +224,59 @@ def _append(channel: Channel, model: ChannelModel, rest_m: Vector, depth_m: floa
 
 
 def _material_point(channel: Channel, model: ChannelModel, element: int, x: Vector, target_m: Vector) -> Vector:
-    """Move an element in rest space until its ball sits at `target_m` (3,) m, world; Broyden's method."""
+    """Move an element in rest space until its ball sits at `target_m` (3,) m, world; returns the rest point."""
+    c, ball = channel, model.ball
+    material = (ball.offsets_m, ball.kernel, ball.cell_m, model.size_m, model.cells)
+    c.touched[element] = material_point(
+        c.rest_m[element], target_m, x, model.rest_m, *material, c.slot, c.nodes[element], c.weights[element]
+    )
+    return np.asarray(c.rest_m[element])
+
+
+@kernel
+def material_point(
+    rest: Vector,
+    target: Vector,
+    x: Vector,
+    x_rest: Vector,
+    offsets: Vector,
+    kernel_weights: Vector,
+    cell: float,
+    size_m: Vector,
+    cells: Indices,
+    slot: Indices,
+    nodes: Indices,
+    weights: Vector,
+) -> int:
+    """Solve p(X) = target for the rest point X, from and into `rest` (3,) m, by Broyden's method; returns the number
+    of its weights, which are written with their nodes."""
     inverse = np.eye(3)
-    point: Vector = channel.rest_m[element].copy()
-    miss = channel.position(model, element, x) - target_m
+    move, miss, now, change, row = np.zeros(3), np.zeros(3), np.zeros(3), np.zeros(3), np.zeros(3)
+    count = ball_weights(rest, offsets, kernel_weights, cell, size_m, cells, slot, nodes, weights)
+    displaced(rest, nodes, weights, count, x, x_rest, miss)
+    miss -= target
     for _ in range(50):
-        if np.abs(miss).max() < 1e-13:
+        if np.abs(miss).max() < POINT_TOLERANCE_M:
             break
-        move = -inverse @ miss
-        channel.place(model, element, point + move)
-        point = point + move
-        now = channel.position(model, element, x) - target_m
-        change = inverse @ (now - miss)
-        inverse += np.outer(move - change, move @ inverse) / (move @ change)
-        miss = now
-    return point
+        for i in range(3):
+            move[i] = -(inverse[i, 0] * miss[0] + inverse[i, 1] * miss[1] + inverse[i, 2] * miss[2])
+        for i in range(3):
+            rest[i] += move[i]
+        count = ball_weights(rest, offsets, kernel_weights, cell, size_m, cells, slot, nodes, weights)
+        displaced(rest, nodes, weights, count, x, x_rest, now)
+        now -= target
+        along = 0.0
+        for i in range(3):
+            change[i], row[i] = 0.0, 0.0
+            for j in range(3):
+                change[i] += inverse[i, j] * (now[j] - miss[j])
+                row[i] += move[j] * inverse[j, i]
+            along += move[i] * change[i]
+        for i in range(3):
+            for j in range(3):
+                inverse[i, j] += (move[i] - change[i]) * row[j] / along
+            miss[i] = now[i]
+    return count
 
 
 def puncture(channel: Channel, model: ChannelModel) -> None:

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 Vector = NDArray[np.float64]
 
 _PANELS = 512
-_NARROWINGS = 40  # of the bracket around the nearest point: (2/3)^40 of it is below a picometre
+_NARROWINGS = 40  # of the bracket around the nearest point: (2/3)^40 of a millimetre is below a nanometre
 _NODES, _WEIGHTS = np.polynomial.legendre.leggauss(6)
 
 
