@@ -251,11 +251,12 @@ def surface_slip(w: Vector, gap: Vector, force: Vector, new_force: Vector, frict
     Returns whether it slips; slide (2,) becomes the unit direction of the lateral force, zero while it sticks.
     """
     trial = np.empty(2)
+    stiffness = 2.0 / (w[0, 0] + w[1, 1])  # one for both directions, else the slip would not be opposite to the force
     for c in range(2):
         apart = gap[0, c]
         for j in range(3):
             apart += w[c, j] * (new_force[0, j] - force[0, j])
-        trial[c] = new_force[0, c] - apart / w[c, c]
+        trial[c] = new_force[0, c] - stiffness * apart
     size = np.hypot(trial[0], trial[1])
     if size <= friction * new_force[0, 2] + FORCE_SLACK_N:
         slide[:] = 0.0

@@ -1,0 +1,42 @@
+"""The README says what the code does."""
+
+import re
+from pathlib import Path
+
+import click
+import pytest
+
+from service.cli import main
+from simcore.parameters import markdown_table, parameters
+
+README = (Path(__file__).parent.parent / "README.md").read_text()
+
+
+def section(name: str) -> str:
+    """The text between the markers of a generated section."""
+    found = re.search(rf"<!-- {name} -->\n(.*?)<!-- /{name} -->", README, re.DOTALL)
+    assert found, f"README has no section {name}"
+    return found.group(1).strip()
+
+
+def test_parameter_table_is_that_of_the_model() -> None:
+    """Refresh it with `needlebench scenario --fields`."""
+    assert section("parameters") == markdown_table()
+
+
+def test_every_default_has_a_source() -> None:
+    """paper, cited or our choice, for every field that is a physical or numerical choice."""
+    free = {"schema", "name", "seed", "recording.enabled", "controller.poses"}
+    untagged = [row.path for row in parameters() if not row.source and row.path not in free and ".kind" not in row.path]
+    assert untagged == []
+
+
+@pytest.mark.parametrize("command", re.findall(r"^needlebench (\w+)", README, re.MULTILINE))
+def test_commands_of_the_readme_exist(command: str) -> None:
+    assert command in main.list_commands(click.Context(main))
+
+
+def test_pictures_exist() -> None:
+    pictures = re.findall(r"\]\(([\w/.-]+\.(?:png|svg))\)", README)
+    assert pictures
+    assert all((Path(__file__).parent.parent / picture).is_file() for picture in pictures)
