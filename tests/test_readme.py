@@ -40,3 +40,18 @@ def test_pictures_exist() -> None:
     pictures = re.findall(r"\]\(([\w/.-]+\.(?:png|svg))\)", README)
     assert pictures
     assert all((Path(__file__).parent.parent / picture).is_file() for picture in pictures)
+
+
+def test_every_test_named_beside_an_equation_exists() -> None:
+    """simcore/README.md: file::test, or a bare test of the file named before it in the same cell."""
+    root = Path(__file__).parent
+    text = (root.parent / "simcore" / "README.md").read_text()
+    missing = []
+    for line in text.splitlines():
+        file = None
+        for name in re.findall(r"`(test_\w+\.py(?:::\w+)?|test_\w+)`", line):
+            file, _, test = name.partition("::") if ".py" in name else (file, "", name)
+            source = root / "simcore" / str(file)
+            if not source.is_file() or (test and f"def {test}(" not in source.read_text()):
+                missing.append(name)
+    assert missing == []
