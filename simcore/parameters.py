@@ -26,7 +26,7 @@ class Parameter(NamedTuple):
 
 def parameters(model: type[BaseModel] = Scenario, prefix: str = "") -> Iterator[Parameter]:
     """All fields in the order of the model; of a union, the fields of every kind."""
-    seen: set[str] = set()
+    seen: set[Parameter] = set()
     for name, info in model.model_fields.items():
         path = prefix + (info.alias or name)
         blocks = _blocks(info)

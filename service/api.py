@@ -1,0 +1,162 @@
+"""Routes of jobs: submit, list, follow, cancel, delete."""
+
+from __future__ import annotations
+
+import asyncio
+import hashlib
+import json
+import shutil
+from typing import Annotated, Any
+
+from fastapi import APIRouter, Header, Query, Request, Response, status
+from starlette.concurrency import run_in_threadpool
+
+from service.core import JobId, Service, ServiceOf, documented, matches
+from service.jobs import Job
+from service.problems import HttpProblem
+from service.schemas import JobPage, JobRequest, JobSummary, JobView, State
+from simcore.presets import preset
+from simcore.scenario import Scenario
+
+router = APIRouter(prefix="/api/v1/jobs", tags=["jobs"])
+
+LONGEST_WAIT_S = 60.0
+_LOCATION = {"Location": {"description": "Where the job is.", "schema": {"type": "string"}}}
+
+
+@router.post(
+    "",
+    operation_id="submit_job",
+    summary="Submit a job",
+    status_code=status.HTTP_202_ACCEPTED,
+    response_model=JobView,
+    responses={202: {"description": "Queued.", "headers": _LOCATION}, **documented(400, 403, 413, 415, 503)},
+)
+def submit_job(
+    body: JobRequest,
+    service: ServiceOf,
+    response: Response,
+    idempotency_key: Annotated[
+        str | None,
+        Header(min_length=1, max_length=200, description="The same key and request give the same job again."),
+    ] = None,
+) -> JobView:
+    """Queue one insertion. The scenario is checked first: what is wrong with it is named field by field."""
+    if service.changes.closed:
+        raise HttpProblem(503, "the service is going down", headers={"Retry-After": "10"})
+    scenario = _scenario(body.scenario)
+    resolved = scenario.resolved()
+    job = service.store.submit(
+        name=scenario.name,
+        spec={"scenario": resolved},
+        spec_hash=_hash(resolved),
+        steps=scenario.steps,
+        priority=body.priority,
+        timeout_s=body.timeout_s,
+        key=idempotency_key,
+        request_hash=_hash([resolved, body.priority, body.timeout_s]),
+    )
+    service.engine.poke()
+    response.headers["Location"] = f"/api/v1/jobs/{job.id}"
+    return JobView.of(job)
+
+
+def _scenario(value: Any) -> Scenario:
+    return preset(value) if isinstance(value, str) else Scenario.load(value)
+
+
+def _hash(value: Any) -> str:
+    return hashlib.sha256(json.dumps(value, sort_keys=True, separators=(",", ":")).encode()).hexdigest()
+
+
+@router.get(
+    "",
+    operation_id="list_jobs",
+    summary="List jobs, newest first",
+    responses=documented(),
+)
+def list_jobs(
+    service: ServiceOf,
+    state: Annotated[State | None, Query(description="Only jobs in this state.")] = None,
+    limit: Annotated[int, Query(ge=1, le=200, description="At most so many.")] = 50,
+    cursor: Annotated[str | None, Query(pattern="^[0-9]{1,18}$", description="next_cursor of the page before.")] = None,
+) -> JobPage:
+    """A page of jobs, without their scenarios and results."""
+    found = service.store.newest(state=state, limit=limit + 1, before=int(cursor) if cursor else None)
+    items, more = found[:limit], len(found) > limit
+    return JobPage(items=[JobSummary.of(job) for job in items], next_cursor=str(items[-1].seq) if more else None)
+
+
+@router.get(
+    "/{job_id}",
+    operation_id="get_job",
+    summary="Read a job, or wait for it",
+    response_model=JobView,
+    responses={304: {"description": "Not changed since the version in If-None-Match."}, **documented(404)},
+)
+async def get_job(
+    job_id: JobId,
+    service: ServiceOf,
+    request: Request,
+    wait: Annotated[
+        float,
+        Query(ge=0, le=LONGEST_WAIT_S, allow_inf_nan=False, description="Seconds to wait for the job's end."),
+    ] = 0,
+    if_none_match: Annotated[str | None, Header(description="ETag of a reading before.")] = None,
+) -> Response:
+    """The job now. With `wait`, when it has ended or the time is over; with If-None-Match too, as soon as it
+    differs from that version."""
+    version = await _settled(service, request, job_id, wait, if_none_match)
+    headers = {"ETag": version, "Cache-Control": "no-cache"}
+    if matches(if_none_match, version):
+        return Response(status_code=304, headers=headers)
+    job = await run_in_threadpool(service.store.get, job_id)
+    headers["ETag"] = etag(job)
+    return Response(JobView.of(job).model_dump_json(), media_type="application/json", headers=headers)
+
+
+def etag(job: Job) -> str:
+    """The version of a job as an entity tag."""
+    return f'"{job.version}"'
+
+
+async def _settled(service: Service, request: Request, job_id: str, wait_s: float, known: str | None) -> str:
+    """Wait until there is something to answer; the version of the job then."""
+    end = asyncio.get_running_loop().time() + wait_s
+    with service.changes.watch(job_id) as changed:
+        while True:
+            job = await run_in_threadpool(service.store.glance, job_id)
+            left = end - asyncio.get_running_loop().time()
+            news = known is not None and not matches(known, etag(job))
+            if job.terminal or news or left <= 0 or service.changes.closed or await request.is_disconnected():
+                return etag(job)
+            changed.clear()
+            try:
+                await asyncio.wait_for(changed.wait(), min(left, 5.0))
+            except TimeoutError:
+                continue
+
+
+@router.post(
+    "/{job_id}/cancel",
+    operation_id="cancel_job",
+    summary="Cancel a job",
+    status_code=status.HTTP_202_ACCEPTED,
+    responses=documented(403, 404, 409),
+)
+def cancel_job(job_id: JobId, service: ServiceOf) -> JobView:
+    """A queued job is cancelled at once, a running one within a second. Once more is no error."""
+    return JobView.of(service.store.cancel(job_id))
+
+
+@router.delete(
+    "/{job_id}",
+    operation_id="delete_job",
+    summary="Delete a job that has ended",
+    status_code=status.HTTP_204_NO_CONTENT,
+    responses=documented(403, 404, 409),
+)
+def delete_job(job_id: JobId, service: ServiceOf) -> None:
+    """Forget the job, with its result, series and recording."""
+    service.store.delete(job_id)
+    shutil.rmtree(service.settings.jobs / job_id, ignore_errors=True)

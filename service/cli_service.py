@@ -1,0 +1,226 @@
+"""The commands that start a service or talk to one: serve, submit, demo, jobs, show, cancel."""
+
+from __future__ import annotations
+
+import json
+import os
+from collections.abc import Callable
+from pathlib import Path
+from typing import TYPE_CHECKING, TypeVar
+
+import click
+
+if TYPE_CHECKING:
+    from service.client import Client, JobStatus
+
+Answer = TypeVar("Answer")
+
+_data = click.option(
+    "--data",
+    metavar="DIR",
+    type=click.Path(file_okay=False, path_type=Path),
+    help="Folder of jobs, results and recordings (NEEDLEBENCH_DATA); default: the platform's data folder.",
+)
+_url = click.option(
+    "--url",
+    metavar="URL",
+    envvar="NEEDLEBENCH_URL",
+    help="Address of the service (NEEDLEBENCH_URL); default: the one started last on this machine.",
+)
+
+
+@click.command()
+@click.option("--host", metavar="ADDRESS", help="Address to listen on; default 127.0.0.1, this machine only.")
+@click.option("--port", type=click.IntRange(0, 65535), help="Default 8321 or the next free one; 0 = any free one.")
+@_data
+def serve(host: str | None, port: int | None, data: Path | None) -> None:
+    """Start the HTTP service and run the jobs that are submitted to it, until Ctrl-C.
+
+    Jobs, results and recordings are kept in the data folder: a service that was stopped, or killed, has them again
+    when it is started, and goes on with what was queued. One service a data folder.
+
+    \b
+    On this machine:          needlebench serve
+    One job at a time:        NEEDLEBENCH_WORKERS=1 needlebench serve
+    With a folder of its own: needlebench serve --data ./data --port 9000
+
+    Any address that others can reach needs a key, which clients then send as `Authorization: Bearer KEY`; started
+    without one, the command prints the line to type:
+
+    \b
+                              needlebench serve --host 0.0.0.0
+
+    A key that is set (NEEDLEBENCH_API_KEY) is asked for on every address; `needlebench submit` and the other
+    commands take it from the same variable. The page with the list of jobs is at the address that is printed, the
+    description of the whole interface at /openapi.json.
+    """
+    from service import server
+    from service.settings import Settings
+
+    settings = Settings.load(data=data, host=host, port=port)
+
+    def announce(url: str) -> None:
+        if note := server.moved(settings.port, url):
+            click.echo(note, err=True)
+        click.echo(f"needlebench serves {url}\ndata: {settings.data}\nCtrl-C ends it; queued jobs are kept.")
+
+    server.serve(settings, announce=announce)
+
+
+@click.command()
+@click.argument("source", metavar="SCENARIO")
+@click.option("--wait", is_flag=True, help="Show progress until the job has ended, then its metrics.")
+@click.option("--priority", type=click.IntRange(-100, 100), default=0, show_default=True, help="Higher runs first.")
+@click.option("--timeout", "timeout_s", type=click.FloatRange(1, 86400), metavar="SECONDS", help="Default 3600.")
+@_url
+@click.pass_context
+def submit(
+    ctx: click.Context, source: str, wait: bool, priority: int, timeout_s: float | None, url: str | None
+) -> None:
+    """Send a scenario to a running service; prints the id of the job.
+
+    SCENARIO is a JSON file, the name of a built-in scenario, or - for JSON on standard input.
+
+    \b
+    A built-in one:           needlebench submit demo --wait
+    Your own:                 needlebench scenario demo > mine.json
+                              needlebench submit mine.json --wait
+    To another machine:       NEEDLEBENCH_API_KEY=... needlebench submit mine.json --url http://lab:8321
+
+    \b
+    Exit code with --wait: 0 completed and successful
+                           3 completed without success, or not converged
+                           1 failed, cancelled or timed out; 2 bad scenario
+    """
+    from service.follow import exit_code, follow
+
+    with _client(url) as client:
+        job = _submitted(client, source, priority, timeout_s)
+        click.echo(job.id)
+        if not wait:
+            click.echo(f"{client.url}{job.raw['links']['self']}", err=True)
+            return
+        try:
+            done = follow(client, job)
+        except KeyboardInterrupt:
+            click.echo(f"the job goes on; to stop it: needlebench cancel {job.id}", err=True)
+            raise
+        _print_end(client, done)
+        ctx.exit(exit_code(done))
+
+
+@click.command()
+@_data
+@click.option("--port", type=click.IntRange(1, 65535), help="Default 8321; if it is taken, the next free one.")
+@click.option("--keep/--once", default=None, help="Stay up until Ctrl-C, or end with the run; default: by terminal.")
+@click.pass_context
+def demo(ctx: click.Context, data: Path | None, port: int | None, keep: bool | None) -> None:
+    """See it work: start a service, submit one insertion to it, follow it, show what came out.
+
+    A flexible needle is steered 122 mm deep along a bowed path through tissue that deforms. On a terminal the
+    service stays up until Ctrl-C, to look at the page and submit more; elsewhere, and with CI set, it ends.
+
+    \b
+    Just so:                  needlebench demo
+    In a script:              needlebench demo --once --data ./demo-data
+
+    \b
+    Exit code: 0 completed and successful
+               3 completed without success, or not converged
+               1 no result; 130 Ctrl-C before there was one
+    """
+    from service.demo import run_demo
+
+    ctx.exit(run_demo(data=data, port=port, keep=keep))
+
+
+@click.command()
+@click.option("--state", metavar="STATE", help="Only queued, running, succeeded, failed, cancelled or timed_out.")
+@click.option("--limit", type=click.IntRange(1, 10_000), default=20, show_default=True, help="At most so many.")
+@click.option("--json", "as_json", is_flag=True, help="One JSON object a line.")
+@_url
+def jobs(state: str | None, limit: int, as_json: bool, url: str | None) -> None:
+    """List the jobs of a service, newest first.
+
+    \b
+    What is going on:         needlebench jobs --state running
+    For other programs:       needlebench jobs --limit 1000 --json
+    """
+    with _client(url) as client:
+        for job in _asked(lambda: list(client.jobs(state=state, limit=limit))):
+            click.echo(json.dumps(job.raw) if as_json else _line(job))
+
+
+@click.command()
+@click.argument("job_id", metavar="JOB")
+@_url
+def show(job_id: str, url: str | None) -> None:
+    """Print everything about one job as JSON: state, progress, scenario, result, links.
+
+    \b
+    Metrics only:             needlebench show JOB | jq .metrics
+    """
+    with _client(url) as client:
+        click.echo(json.dumps(dict(_asked(lambda: client.job(job_id)).raw), indent=2))
+
+
+@click.command()
+@click.argument("job_id", metavar="JOB")
+@_url
+def cancel(job_id: str, url: str | None) -> None:
+    """Cancel a queued or running job; what it has recorded so far is kept. Once more is no error.
+
+    \b
+    The running ones:         needlebench jobs --state running
+    One of them:              needlebench cancel JOB
+    """
+    with _client(url) as client:
+        _asked(lambda: client.cancel(job_id))
+        job = client.wait(job_id, timeout_s=30)
+        click.echo(f"{job.id} {job.state}")
+
+
+def _client(url: str | None) -> Client:
+    from service.client import Client
+    from service.server import endpoint
+    from service.settings import DEFAULT_HOST, DEFAULT_PORT, data_dir, url_of
+
+    known = url or endpoint(data_dir()) or url_of(DEFAULT_HOST, DEFAULT_PORT)
+    return Client(known, os.environ.get("NEEDLEBENCH_API_KEY"))
+
+
+def _submitted(client: Client, source: str, priority: int, timeout_s: float | None) -> JobStatus:
+    """The job that the service made of a file, of standard input, or of a built-in name."""
+    from service.cli_local import read_source
+
+    data = read_source(source)
+    return _asked(lambda: client.submit(data, priority=priority, timeout_s=timeout_s))
+
+
+def _asked(question: Callable[[], Answer]) -> Answer:
+    """The answer; what the service says about wrong fields becomes bad input."""
+    from service.client import ServiceError
+    from simcore.errors import ScenarioError
+
+    try:
+        return question()
+    except ServiceError as error:
+        if error.problems:
+            raise ScenarioError(error.problems) from None
+        raise
+
+
+def _line(job: JobStatus) -> str:
+    rmse = (job.metrics or {}).get("rmse_mm")
+    told = f"rmse {rmse:.3f} mm" if isinstance(rmse, float) else (job.error or {}).get("kind", "")
+    share = f"{100 * job.progress.fraction:3.0f} %"
+    return f"{job.id}  {job.created_at[:19]}  {job.state:<10} {share}  {job.name}  {told}".rstrip()
+
+
+def _print_end(client: Client, job: JobStatus) -> None:
+    if job.error is not None:
+        click.echo(f"{job.state}: {job.error['message']}", err=True)
+    for name, value in (job.metrics or {}).items():
+        click.echo(f"  {name:<28}{value:.6g}" if isinstance(value, float) else f"  {name:<28}{value}")
+    if (recording := job.raw["links"]["recording"]) and job.state == "succeeded":
+        click.echo(f"recording: {client.url}{recording}")

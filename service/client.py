@@ -1,0 +1,249 @@
+"""Talks to the service from Python: submit, follow, fetch. Documented as `from needlebench import Client`."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from types import TracebackType
+from typing import Any, Self
+from urllib.parse import urlsplit
+
+import httpx2
+
+from service.settings import is_loopback
+from simcore.errors import NeedlebenchError, Problem
+from simcore.scenario import Scenario
+
+TERMINAL = frozenset({"succeeded", "failed", "cancelled", "timed_out"})
+_POLL_S = 20.0
+_RETRIED_S = 30.0
+
+
+class ServiceError(NeedlebenchError):
+    """The service refused; `status` is the HTTP status, `problems` names each wrong field, its value and the range."""
+
+    def __init__(self, status: int, detail: str, problems: list[Problem]) -> None:
+        self.status, self.detail, self.problems = status, detail, problems
+        super().__init__("\n".join(str(problem) for problem in problems) or detail)
+
+
+class Unreachable(NeedlebenchError):
+    """Nobody answers at the address."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Progress:
+    """Where a running job is; values that are not known yet are None."""
+
+    fraction: float
+    step: int
+    steps: int
+    depth_mm: float | None
+    tip_error_mm: float | None
+    eta_s: float | None
+
+
+@dataclass(frozen=True, kw_only=True)
+class JobStatus:
+    """A job as the service told it; `raw` is its JSON. `scenario` and `result` are None in lists."""
+
+    id: str
+    name: str
+    state: str
+    attempt: int
+    progress: Progress
+    metrics: Mapping[str, Any] | None
+    error: Mapping[str, str] | None
+    scenario: Mapping[str, Any] | None
+    result: Mapping[str, Any] | None
+    created_at: str
+    raw: Mapping[str, Any] = field(repr=False)
+
+    @classmethod
+    def of(cls, raw: Mapping[str, Any]) -> Self:
+        named = {name: raw.get(name) for name in cls.__dataclass_fields__ if name not in ("raw", "progress")}
+        return cls(**named, progress=Progress(**raw["progress"]), raw=raw)  # type: ignore[arg-type]
+
+    @property
+    def terminal(self) -> bool:
+        """Whether nothing will happen to it any more."""
+        return self.state in TERMINAL
+
+    @property
+    def success(self) -> bool:
+        """Whether the run completed and met its own definition of success."""
+        return self.state == "succeeded" and bool((self.metrics or {}).get("success"))
+
+
+class Client:
+    """A connection to one service. Use it as a context manager, or close it.
+
+    url: as printed by `needlebench serve`. api_key: what the service was started with, on any address but loopback.
+    Raises ServiceError when the service refuses and Unreachable when there is none.
+    """
+
+    def __init__(self, url: str, api_key: str | None = None, *, timeout_s: float = 30.0) -> None:
+        headers = {"Authorization": f"Bearer {api_key}"} if api_key else {}
+        local = is_loopback(urlsplit(url).hostname or "")
+        self.url = url.rstrip("/")
+        self._http = httpx2.Client(
+            base_url=self.url,
+            headers=headers,
+            timeout=httpx2.Timeout(timeout_s, connect=10.0),
+            trust_env=not local,  # a proxy cannot reach this machine's loopback
+        )
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self.close()
+
+    def close(self) -> None:
+        """Give the connections back."""
+        self._http.close()
+
+    def submit(
+        self,
+        scenario: Scenario | Mapping[str, Any] | str,
+        *,
+        priority: int = 0,
+        timeout_s: float | None = None,
+        idempotency_key: str | None = None,
+    ) -> JobStatus:
+        """Queue a scenario, its JSON data, or a built-in one by name. Higher priority runs first."""
+        data = scenario.resolved() if isinstance(scenario, Scenario) else scenario
+        body: dict[str, Any] = {"scenario": data, "priority": priority}
+        if timeout_s is not None:
+            body["timeout_s"] = timeout_s
+        headers = {"Idempotency-Key": idempotency_key} if idempotency_key is not None else {}
+        return JobStatus.of(self._json("POST", "/api/v1/jobs", json=body, headers=headers))
+
+    def job(self, job_id: str) -> JobStatus:
+        """The job as it is now."""
+        return JobStatus.of(self._json("GET", f"/api/v1/jobs/{job_id}"))
+
+    def jobs(self, *, state: str | None = None, limit: int | None = None) -> Iterator[JobStatus]:
+        """Jobs, newest first, page by page."""
+        left, cursor = limit, None
+        while left is None or left > 0:
+            size = 100 if left is None else min(100, left)
+            params = {"state": state, "limit": size, "cursor": cursor}
+            page = self._json("GET", "/api/v1/jobs", params={k: v for k, v in params.items() if v is not None})
+            yield from map(JobStatus.of, page["items"])
+            left, cursor = None if left is None else left - len(page["items"]), page["next_cursor"]
+            if cursor is None:
+                return
+
+    def wait(
+        self,
+        job_id: str,
+        *,
+        progress: Callable[[JobStatus], None] | None = None,
+        timeout_s: float | None = None,
+    ) -> JobStatus:
+        """Until the job has ended; `progress` sees each change. Outlasts a restart of the service.
+
+        Raises TimeoutError after `timeout_s`.
+        """
+        end = None if timeout_s is None else time.monotonic() + timeout_s
+        job, tag = self._changed(job_id, None, 0)
+        while True:
+            if job is not None and progress is not None:
+                progress(job)
+            if job is not None and job.terminal:
+                return job
+            left = _POLL_S if end is None else end - time.monotonic()
+            if left <= 0:
+                raise TimeoutError(f"job {job_id} did not end within {timeout_s:g} s")
+            job, tag = self._changed(job_id, tag, min(left, _POLL_S))
+
+    def _changed(self, job_id: str, tag: str | None, wait_s: float) -> tuple[JobStatus | None, str | None]:
+        """The job once it differs from version `tag`, or None after `wait_s`; its version."""
+        headers = {"If-None-Match": tag} if tag else {}
+        give_up = time.monotonic() + _RETRIED_S
+        while True:
+            try:
+                path = f"/api/v1/jobs/{job_id}"
+                answer = self._request("GET", path, params={"wait": wait_s}, headers=headers)
+                break
+            except Unreachable:
+                if time.monotonic() > give_up:
+                    raise
+                time.sleep(0.5)
+        if answer.status_code == 304:
+            return None, tag
+        return JobStatus.of(answer.json()), answer.headers.get("etag")
+
+    def cancel(self, job_id: str) -> JobStatus:
+        """Cancel a queued or running job; once more is no error."""
+        return JobStatus.of(self._json("POST", f"/api/v1/jobs/{job_id}/cancel"))
+
+    def delete(self, job_id: str) -> None:
+        """Forget a job that has ended, with all its files."""
+        self._request("DELETE", f"/api/v1/jobs/{job_id}")
+
+    def metrics(self, job_id: str) -> dict[str, Any]:
+        """Metrics, timing and digest of a finished job."""
+        return dict(self._json("GET", f"/api/v1/jobs/{job_id}/metrics"))
+
+    def recording(self, job_id: str, path: Path) -> Path:
+        """Download the recording; of a running job, as it grows until the job ends. Returns `path`."""
+        return self._download(f"/recordings/{job_id}.rrd", path)
+
+    def series(self, job_id: str, path: Path) -> Path:
+        """Download series.npz (open it with numpy.load). Returns `path`."""
+        return self._download(f"/api/v1/jobs/{job_id}/series?format=npz", path)
+
+    def scenarios(self) -> dict[str, str]:
+        """Built-in scenarios: name -> one line on it."""
+        found = self._json("GET", "/api/v1/scenarios")["items"]
+        return {item["name"]: item["description"] for item in found}
+
+    def ready(self) -> dict[str, Any]:
+        """What /readyz says."""
+        return dict(self._json("GET", "/readyz"))
+
+    def _json(self, method: str, path: str, **options: Any) -> Any:
+        return self._request(method, path, **options).json()
+
+    def _request(self, method: str, path: str, **options: Any) -> httpx2.Response:
+        try:
+            answer = self._http.request(method, path, **options)
+        except httpx2.TransportError as error:
+            raise Unreachable(
+                f"no needlebench service answers at {self.url} ({error}): start one with needlebench serve"
+            ) from None
+        if answer.is_error:
+            raise _refusal(answer)
+        return answer
+
+    def _download(self, path: str, target: Path) -> Path:
+        draft = target.with_name(f".{target.name}.part")
+        try:
+            with self._http.stream("GET", path) as answer:
+                if answer.is_error:
+                    answer.read()
+                    raise _refusal(answer)
+                with draft.open("wb") as file:
+                    for chunk in answer.iter_bytes():
+                        file.write(chunk)
+            draft.replace(target)
+        except httpx2.TransportError as error:
+            raise Unreachable(f"the download from {self.url} broke off: {error}") from None
+        finally:
+            draft.unlink(missing_ok=True)
+        return target
+
+
+def _refusal(answer: httpx2.Response) -> ServiceError:
+    try:
+        problem = answer.json()
+        found = [Problem(e["field"], e["value"], e["message"]) for e in problem.get("errors") or []]
+        return ServiceError(answer.status_code, str(problem["detail"]), found)
+    except (ValueError, KeyError, TypeError):
+        return ServiceError(answer.status_code, f"{answer.status_code}: not a needlebench service?", [])

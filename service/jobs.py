@@ -1,0 +1,113 @@
+"""A job as the store knows it, its states and the legal steps between them."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+from simcore.errors import NeedlebenchError
+
+QUEUED, RUNNING, SUCCEEDED = "queued", "running", "succeeded"
+FAILED, CANCELLED, TIMED_OUT = "failed", "cancelled", "timed_out"
+
+LEGAL: dict[str, frozenset[str]] = {
+    QUEUED: frozenset({RUNNING, CANCELLED}),
+    RUNNING: frozenset({SUCCEEDED, FAILED, CANCELLED, TIMED_OUT, QUEUED}),
+    SUCCEEDED: frozenset(),
+    FAILED: frozenset(),
+    CANCELLED: frozenset(),
+    TIMED_OUT: frozenset(),
+}
+TERMINAL = frozenset(state for state, following in LEGAL.items() if not following)
+MAXIMUM_CRASHES = 3
+
+
+class UnknownJob(NeedlebenchError, LookupError):
+    """There is no job of this id."""
+
+
+class IllegalTransition(NeedlebenchError):
+    """The job is not in a state from which it may go where it was sent; says in which it is."""
+
+    def __init__(self, job_id: str, state: str, wanted: str) -> None:
+        self.job_id, self.state, self.wanted = job_id, state, wanted
+        super().__init__(f"job {job_id} is {state}: it cannot become {wanted}")
+
+
+class KeyReused(NeedlebenchError):
+    """An idempotency key came again with another request."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Artefact:
+    """A file that a job left behind. path: relative to the data folder, with forward slashes."""
+
+    kind: str
+    name: str
+    path: str
+    sha256: str
+    bytes: int
+
+
+@dataclass(frozen=True, kw_only=True)
+class Event:
+    """One entry of the append-only log of a job. at: UTC seconds since 1970."""
+
+    seq: int
+    job_id: str
+    at: float
+    kind: str
+    attempt: int
+    data: dict[str, Any] | None
+
+
+@dataclass(frozen=True, kw_only=True)
+class Outcome:
+    """How an attempt ended: a terminal state and what goes with it."""
+
+    state: str
+    result: dict[str, Any] | None = None
+    error_kind: str | None = None
+    error: str | None = None
+    artefacts: tuple[Artefact, ...] = ()
+    cpu_s: float | None = None
+    max_rss_mb: float | None = None
+
+
+@dataclass(frozen=True, kw_only=True)
+class Job:
+    """One row of the job table. Times are UTC seconds since 1970. `spec` and `result` are None in listings."""
+
+    seq: int
+    id: str
+    name: str
+    spec: dict[str, Any] | None
+    steps: int
+    state: str
+    priority: int
+    timeout_s: float
+    attempt: int
+    crashes: int
+    cancel_requested: bool
+    heartbeat_at: float | None
+    progress: dict[str, Any] | None
+    metrics: dict[str, Any] | None
+    result: dict[str, Any] | None
+    error_kind: str | None
+    error: str | None
+    cpu_s: float | None
+    max_rss_mb: float | None
+    created_at: float
+    started_at: float | None
+    finished_at: float | None
+    version: int
+
+    @property
+    def terminal(self) -> bool:
+        """Whether nothing will happen to it any more."""
+        return self.state in TERMINAL
+
+    @property
+    def folder(self) -> str:
+        """Folder of the current attempt, relative to the data folder. An attempt never writes into another's."""
+        return f"jobs/{self.id}/{self.attempt}"

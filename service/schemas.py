@@ -1,0 +1,240 @@
+"""The JSON of the HTTP surface. The scenario itself is described once, in simcore."""
+
+from __future__ import annotations
+
+from datetime import UTC, datetime
+from typing import Annotated, Any, Literal, Self
+
+from pydantic import BaseModel, ConfigDict, Field, WithJsonSchema, field_validator
+
+from service.jobs import SUCCEEDED, Artefact, Job
+
+State = Literal["queued", "running", "succeeded", "failed", "cancelled", "timed_out"]
+
+ScenarioInput = Annotated[
+    Any,
+    WithJsonSchema(
+        {
+            "anyOf": [{"type": "object", "additionalProperties": True}, {"type": "string", "maxLength": 100}],
+            "description": "A scenario (JSON, schema needlebench/scenario/1) or the name of a built-in one.",
+            "examples": ["demo", {"name": "softer", "tissue": {"young_kpa": 3.0}}],
+        }
+    ),
+]
+
+
+class JobRequest(BaseModel):
+    """A job to be done."""
+
+    model_config = ConfigDict(
+        extra="forbid",
+        json_schema_extra={
+            "examples": [
+                {"scenario": "demo"},
+                {"scenario": {"name": "softer", "tissue": {"young_kpa": 3.0}}, "priority": 10, "timeout_s": 600},
+            ]
+        },
+    )
+
+    scenario: ScenarioInput
+    priority: Annotated[int, Field(strict=True, ge=-100, le=100, description="Higher runs first.")] = 0
+    timeout_s: Annotated[
+        float, Field(strict=True, ge=1, le=86400, allow_inf_nan=False, description="Most wall time of an attempt.")
+    ] = 3600.0
+
+    @field_validator("scenario")
+    @classmethod
+    def _object_or_name(cls, value: Any) -> Any:
+        if not isinstance(value, dict | str):
+            raise ValueError("must be a scenario (an object) or the name of a built-in one")
+        return value
+
+
+class Progress(BaseModel):
+    """Where a running job is. eta_s is null before the first step and when it does not run."""
+
+    fraction: float = Field(0.0, ge=0, le=1)
+    step: int = 0
+    steps: int
+    depth_mm: float | None = None
+    tip_error_mm: float | None = None
+    eta_s: float | None = None
+
+    @classmethod
+    def of(cls, job: Job) -> Self:
+        progress = cls(**{"steps": job.steps, **(job.progress or {})})
+        if job.state == SUCCEEDED and progress.step == progress.steps:
+            return progress.model_copy(update={"eta_s": 0.0})
+        return progress if job.state == "running" else progress.model_copy(update={"eta_s": None})
+
+
+class JobError(BaseModel):
+    """Why a job did not succeed. kind: exception, out_of_memory, worker_died, timed_out."""
+
+    kind: str
+    message: str
+
+
+class Links(BaseModel):
+    """Where the rest of a job is; null while it is not there."""
+
+    self: str
+    cancel: str
+    metrics: str | None
+    series: str | None
+    recording: str | None
+    artefacts: str
+
+
+class JobSummary(BaseModel):
+    """A job in a list: without its scenario and its result, which can be large."""
+
+    id: str
+    name: str
+    state: State
+    attempt: int = Field(description="How often it was started; 0 = not yet.")
+    priority: int
+    timeout_s: float
+    progress: Progress
+    metrics: dict[str, Any] | None
+    error: JobError | None
+    links: Links
+    created_at: datetime
+    started_at: datetime | None
+    finished_at: datetime | None
+
+    @classmethod
+    def fields_of(cls, job: Job) -> dict[str, Any]:
+        kind = job.error_kind
+        return {
+            "id": job.id,
+            "name": job.name,
+            "state": job.state,
+            "attempt": job.attempt,
+            "priority": job.priority,
+            "timeout_s": job.timeout_s,
+            "progress": Progress.of(job),
+            "metrics": job.metrics,
+            "error": None if kind is None else JobError(kind=kind, message=job.error or ""),
+            "links": links_of(job),
+            "created_at": moment(job.created_at),
+            "started_at": moment(job.started_at),
+            "finished_at": moment(job.finished_at),
+        }
+
+    @classmethod
+    def of(cls, job: Job) -> Self:
+        return cls(**cls.fields_of(job))
+
+
+class JobView(JobSummary):
+    """A job with everything. A run that did not succeed or converge is a result; `failed` is a crash."""
+
+    scenario: dict[str, Any] = Field(description="The fully resolved scenario.")
+    result: dict[str, Any] | None = Field(description="The content of result.json, once there is one.")
+
+    @classmethod
+    def of(cls, job: Job) -> Self:
+        return cls(**cls.fields_of(job), scenario=(job.spec or {})["scenario"], result=job.result)
+
+
+class JobPage(BaseModel):
+    """Jobs, newest first; next_cursor leads to the older ones, null at the end."""
+
+    items: list[JobSummary]
+    next_cursor: str | None
+
+
+class MetricsView(BaseModel):
+    """What a finished run achieved."""
+
+    job: str
+    status: str | None
+    metrics: dict[str, Any]
+    timing: dict[str, Any] | None
+    digest: Any
+
+
+class ArtefactView(BaseModel):
+    """A file that a job left behind."""
+
+    kind: str
+    name: str
+    bytes: int
+    sha256: str
+    url: str
+
+    @classmethod
+    def of(cls, job_id: str, artefact: Artefact) -> Self:
+        url = f"/api/v1/jobs/{job_id}/artefacts/{artefact.name}"
+        return cls(**{name: getattr(artefact, name) for name in ("kind", "name", "bytes", "sha256")}, url=url)
+
+
+class ArtefactList(BaseModel):
+    items: list[ArtefactView]
+
+
+class ScenarioInfo(BaseModel):
+    """A built-in scenario."""
+
+    name: str
+    description: str
+    scenario: dict[str, Any] = Field(description="Fully resolved.")
+
+
+class ScenarioList(BaseModel):
+    items: list[ScenarioInfo]
+
+
+class Health(BaseModel):
+    status: Literal["ok"] = "ok"
+
+
+class Readiness(BaseModel):
+    status: Literal["ready", "starting"]
+    workers: int = Field(description="Slots for jobs.")
+    workers_ready: int = Field(description="Slots with a warm worker process.")
+    problem: str | None
+
+
+class Version(BaseModel):
+    name: Literal["needlebench"] = "needlebench"
+    version: str
+    python: str
+    scenario_schema: str
+
+
+class FieldError(BaseModel):
+    field: str
+    value: Any
+    message: str
+
+
+class ProblemDetails(BaseModel):
+    """RFC 9457. `errors` is there when fields of the request are wrong."""
+
+    type: str = "about:blank"
+    title: str
+    status: int
+    detail: str
+    instance: str | None = None
+    errors: list[FieldError] | None = None
+
+
+def moment(seconds: float | None) -> datetime | None:
+    """UTC seconds since 1970 as a time."""
+    return None if seconds is None else datetime.fromtimestamp(seconds, UTC)
+
+
+def links_of(job: Job) -> Links:
+    """The addresses of a job, those that answer now."""
+    base = f"/api/v1/jobs/{job.id}"
+    done = job.state == SUCCEEDED
+    return Links(
+        self=base,
+        cancel=f"{base}/cancel",
+        metrics=f"{base}/metrics" if done else None,
+        series=f"{base}/series" if done else None,
+        recording=f"/recordings/{job.id}.rrd" if job.started_at is not None else None,
+        artefacts=f"{base}/artefacts",
+    )

@@ -1,0 +1,157 @@
+"""Runs the service in this process: one engine a data folder, one port, until a signal."""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+import errno
+import json
+import logging
+import os
+import signal
+import socket
+import sys
+import threading
+from collections.abc import Callable
+from pathlib import Path
+from types import FrameType
+
+import uvicorn
+
+from service.app import create_app
+from service.core import Service
+from service.lock import Busy, held
+from service.progress import replace_text
+from service.settings import DEFAULT_PORT, Settings, url_of
+from simcore.errors import NeedlebenchError
+
+ENDPOINT = "endpoint.json"
+_PORTS_TRIED = 50
+_GRACE_S = 3
+
+
+class CannotServe(NeedlebenchError):
+    """The service cannot start here; says why and what to do."""
+
+
+def serve(settings: Settings, *, announce: Callable[[str], None], until_stdin_closes: bool = False) -> None:
+    """Serve until SIGINT or SIGTERM; running jobs then go back into the queue.
+
+    announce: hears the address once the service listens. until_stdin_closes: end with the process
+    that holds the other end of standard input. Raises CannotServe, DatabaseTooNew.
+    """
+    settings.data.mkdir(parents=True, exist_ok=True)
+    with contextlib.ExitStack() as stack:
+        try:
+            stack.enter_context(held(settings.data / "server.lock"))
+        except Busy as busy:
+            raise CannotServe(_taken(settings.data, str(busy))) from None
+        listener = stack.enter_context(contextlib.closing(listen(settings.host, settings.port)))
+        service = Service.open(settings)
+        url = url_of(settings.host, listener.getsockname()[1])
+        server = _Server(service, url, announce)
+        if until_stdin_closes:
+            threading.Thread(target=_follow_stdin, args=(server,), daemon=True).start()
+        previous = signal.signal(signal.SIGTERM, _leave)  # what uvicorn raises again once all is closed
+        try:
+            server.run(sockets=[listener])
+        except KeyboardInterrupt:
+            pass
+        finally:
+            signal.signal(signal.SIGTERM, previous)
+
+
+def listen(host: str, port: int | None) -> socket.socket:
+    """A listening socket on `port`; without one on the default port or the next free. Raises CannotServe."""
+    tried = [port] if port is not None else [*range(DEFAULT_PORT, DEFAULT_PORT + _PORTS_TRIED), 0]
+    for candidate in tried:
+        try:
+            return _bound(host, candidate)
+        except OSError as error:
+            taken = error.errno in (errno.EADDRINUSE, errno.EACCES)
+            if not taken or candidate == tried[-1]:
+                advice = "; choose another with --port, or leave it out for the next free one" if taken else ""
+                reason = os.strerror(error.errno) if error.errno else str(error)
+                raise CannotServe(f"cannot listen on {host} port {candidate}: {reason}{advice}") from None
+    raise AssertionError("unreachable")
+
+
+def _bound(host: str, port: int) -> socket.socket:
+    family = socket.getaddrinfo(host, port, type=socket.SOCK_STREAM, flags=socket.AI_PASSIVE)[0][0]
+    return socket.create_server((host, port), family=family, backlog=512)
+
+
+def moved(port: int | None, url: str) -> str | None:
+    """What to say when the default port was taken."""
+    if port is not None or url.endswith(f":{DEFAULT_PORT}"):
+        return None
+    return f"port {DEFAULT_PORT} is taken: using {url.rpartition(':')[2]}"
+
+
+def endpoint(data: Path) -> str | None:
+    """Where the service of this data folder said that it listens; it may be gone."""
+    try:
+        url = json.loads((data / ENDPOINT).read_text(encoding="utf-8"))["url"]
+    except (OSError, ValueError, KeyError, TypeError):
+        return None
+    return str(url)
+
+
+class _Server(uvicorn.Server):
+    """uvicorn, which tells where it listens and lets long polls and live recordings go at once."""
+
+    def __init__(self, service: Service, url: str, announce: Callable[[str], None]) -> None:
+        config = uvicorn.Config(
+            create_app(service),
+            log_level="warning",
+            access_log=False,
+            server_header=False,
+            timeout_graceful_shutdown=_GRACE_S,
+            lifespan="on",
+        )
+        super().__init__(config)
+        self._service, self._url, self._announce = service, url, announce
+
+    async def startup(self, sockets: list[socket.socket] | None = None) -> None:
+        await super().startup(sockets=sockets)
+        if self.started:
+            data = self._service.settings.data
+            await asyncio.to_thread(replace_text, data / ENDPOINT, json.dumps({"url": self._url}))
+            self._announce(self._url)
+
+    async def shutdown(self, sockets: list[socket.socket] | None = None) -> None:
+        self._service.changes.close()
+        await super().shutdown(sockets=sockets)
+
+
+def _follow_stdin(server: uvicorn.Server) -> None:
+    while os.read(sys.stdin.fileno(), 4096):  # not through its buffer: its lock would outlive this thread
+        pass
+    server.should_exit = True
+
+
+def _leave(_number: int, _frame: FrameType | None) -> None:
+    raise SystemExit(0)
+
+
+def _taken(data: Path, holder: str) -> str:
+    url = endpoint(data)
+    where = f" It listens at {url}." if url else ""
+    return (
+        f"the data folder {data} is in use by another needlebench service ({holder or 'unknown process'}).{where} "
+        "Use that one, stop it, or choose another folder with --data"
+    )
+
+
+def main() -> None:
+    """Serve by environment variables alone, as the demo does; ends with whoever started it."""
+    logging.basicConfig(level=logging.WARNING, format="%(levelname)s %(message)s")
+    try:
+        serve(Settings.load(), announce=lambda line: print(line, flush=True), until_stdin_closes=True)
+    except NeedlebenchError as error:
+        print(error, file=sys.stderr)
+        raise SystemExit(2) from None
+
+
+if __name__ == "__main__":
+    main()

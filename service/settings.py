@@ -1,0 +1,144 @@
+"""What the service can be told, by flag or by environment variable; checked once, at construction."""
+
+from __future__ import annotations
+
+import ipaddress
+import os
+import secrets
+import shlex
+import sys
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+
+from platformdirs import user_data_path
+
+from simcore.errors import Problem, ScenarioError
+
+DEFAULT_HOST = "127.0.0.1"
+DEFAULT_PORT = 8321
+MAXIMUM_WORKERS = 2
+RUNNER = "service.worker:run_job"
+
+
+class SettingsError(ScenarioError):
+    """A setting out of its range; `problems` names each setting, its value and the allowed range."""
+
+
+def default_data_dir() -> Path:
+    """Where jobs, results and recordings live when nothing else is said, by the custom of the platform."""
+    return user_data_path("needlebench", appauthor=False)
+
+
+def data_dir(environ: Mapping[str, str] = os.environ) -> Path:
+    """The data folder by environment variable or default."""
+    named = environ.get("NEEDLEBENCH_DATA")
+    return (Path(named) if named else default_data_dir()).expanduser().absolute()
+
+
+def is_loopback(host: str) -> bool:
+    """Whether only this machine can reach `host`. A name other than localhost counts as reachable from outside."""
+    if host == "localhost":
+        return True
+    try:
+        return ipaddress.ip_address(host).is_loopback
+    except ValueError:
+        return False
+
+
+def url_of(host: str, port: int) -> str:
+    """The address to type into a browser on this machine."""
+    shown = {"0.0.0.0": "127.0.0.1", "::": "::1"}.get(host, host)
+    return f"http://[{shown}]:{port}" if ":" in shown else f"http://{shown}:{port}"
+
+
+@dataclass(frozen=True, kw_only=True)
+class Settings:
+    """Everything that the service can be told.
+
+    data: folder of the database, the results and the recordings. port: None = the default one or the next free.
+    runner: `module:function` that does a job in a worker process; tests replace it.
+    """
+
+    data: Path = field(default_factory=default_data_dir)
+    host: str = DEFAULT_HOST
+    port: int | None = None
+    workers: int = MAXIMUM_WORKERS
+    api_key: str | None = field(default=None, repr=False)
+    maximum_body_bytes: int = 32 * 2**20
+    runner: str = RUNNER
+
+    def __post_init__(self) -> None:
+        problems = []
+        if not 1 <= self.workers <= MAXIMUM_WORKERS:
+            problems.append(Problem("NEEDLEBENCH_WORKERS", self.workers, f"must be 1 to {MAXIMUM_WORKERS}"))
+        if self.port is not None and not 0 <= self.port <= 65535:
+            problems.append(Problem("--port", self.port, "must be 0 (any free port) to 65535"))
+        if not self.host:
+            problems.append(Problem("--host", self.host, "must be an address, as in 127.0.0.1"))
+        problems.extend(self._key_problems())
+        if problems:
+            raise SettingsError(problems)
+
+    def _key_problems(self) -> list[Problem]:
+        if self.api_key is None:
+            if is_loopback(self.host):
+                return []
+            return [Problem("--host", self.host, _refusal(self.host, self.port))]
+        if self.api_key and self.api_key.isascii() and self.api_key.isprintable() and " " not in self.api_key:
+            return []
+        return [Problem("NEEDLEBENCH_API_KEY", "(hidden)", "must be printable ASCII characters without spaces")]
+
+    @property
+    def loopback(self) -> bool:
+        """Whether only this machine can reach the service."""
+        return is_loopback(self.host)
+
+    @property
+    def database(self) -> Path:
+        return self.data / "needlebench.sqlite"
+
+    @property
+    def jobs(self) -> Path:
+        """Folder of the artefacts, one folder a job and in it one an attempt."""
+        return self.data / "jobs"
+
+    @classmethod
+    def load(
+        cls,
+        *,
+        data: Path | None = None,
+        host: str | None = None,
+        port: int | None = None,
+        environ: Mapping[str, str] = os.environ,
+    ) -> Settings:
+        """Flags first, then environment variables, then defaults. Raises SettingsError."""
+        return cls(
+            data=data_dir(environ) if data is None else data.expanduser().absolute(),
+            host=host or environ.get("NEEDLEBENCH_HOST") or DEFAULT_HOST,
+            port=port if port is not None else _whole(environ, "NEEDLEBENCH_PORT", None),
+            workers=_whole(environ, "NEEDLEBENCH_WORKERS", MAXIMUM_WORKERS) or 0,
+            api_key=environ.get("NEEDLEBENCH_API_KEY") or None,
+        )
+
+
+def _whole(environ: Mapping[str, str], name: str, default: int | None) -> int | None:
+    text = environ.get(name, "").strip()
+    if not text:
+        return default
+    try:
+        return int(text)
+    except ValueError:
+        raise SettingsError([Problem(name, text, "must be a whole number")]) from None
+
+
+def _refusal(host: str, port: int | None) -> str:
+    """The line that makes a bind to an address other than loopback acceptable, with a fresh key."""
+    key = secrets.token_urlsafe(24)
+    command = f"needlebench serve --host {shlex.quote(host)}" + (f" --port {port}" if port is not None else "")
+    line = (
+        f"$env:NEEDLEBENCH_API_KEY='{key}'; {command}"
+        if sys.platform == "win32"
+        else f"NEEDLEBENCH_API_KEY={key} {command}"
+    )
+    return f"anyone who reaches this address could run jobs, so it needs a key. Type:\n\n    {line}\n"

@@ -1,0 +1,80 @@
+"""Routes about the service itself: health, version, built-in scenarios."""
+
+from __future__ import annotations
+
+import platform
+from typing import Annotated
+
+from fastapi import APIRouter, Path
+from sqlalchemy.exc import SQLAlchemyError
+
+from service.core import ServiceOf, documented
+from service.problems import HttpProblem
+from service.schemas import Health, Readiness, ScenarioInfo, ScenarioList, Version
+from service.version import installed_version
+from simcore.errors import ScenarioError
+from simcore.presets import preset, preset_names
+from simcore.scenario import SCHEMA
+
+router = APIRouter(tags=["service"])
+
+
+@router.get("/healthz", operation_id="get_health", summary="Is it up?")
+def get_health() -> Health:
+    """Answers as long as the process does."""
+    return Health()
+
+
+@router.get("/readyz", operation_id="get_readiness", summary="Can it work?", responses=documented(503))
+def get_readiness(service: ServiceOf) -> Readiness:
+    """Reads the database and counts warm workers. Jobs are accepted while workers start."""
+    try:
+        service.store.ping()
+    except SQLAlchemyError:
+        raise HttpProblem(503, "the database cannot be read") from None
+    if service.changes.closed:
+        raise HttpProblem(503, "the service is going down")
+    engine = service.engine
+    ready = engine.ready == engine.slots
+    return Readiness(
+        status="ready" if ready else "starting",
+        workers=engine.slots,
+        workers_ready=engine.ready,
+        problem=engine.problem,
+    )
+
+
+@router.get("/version", operation_id="get_version", summary="Which version is it?", responses=documented())
+def get_version() -> Version:
+    """Of the program, of Python and of the scenario format."""
+    return Version(version=installed_version(), python=platform.python_version(), scenario_schema=SCHEMA)
+
+
+@router.get(
+    "/api/v1/scenarios",
+    operation_id="list_scenarios",
+    summary="Built-in scenarios",
+    responses=documented(),
+)
+def list_scenarios() -> ScenarioList:
+    """Each fully resolved: a start for one's own."""
+    return ScenarioList(items=[_info(name) for name in preset_names()])
+
+
+@router.get(
+    "/api/v1/scenarios/{name}",
+    operation_id="get_scenario",
+    summary="A built-in scenario",
+    responses=documented(404),
+)
+def get_scenario(name: Annotated[str, Path(max_length=100)]) -> ScenarioInfo:
+    """One of them, fully resolved."""
+    try:
+        return _info(name)
+    except ScenarioError as error:
+        raise HttpProblem(404, str(error.problems[0].message)) from None
+
+
+def _info(name: str) -> ScenarioInfo:
+    scenario = preset(name).resolved()
+    return ScenarioInfo(name=name, description=preset_names()[name], scenario=scenario)

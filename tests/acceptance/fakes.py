@@ -1,0 +1,41 @@
+"""Stand-ins for the simulation, to test the service around it: quick, and able to misbehave on demand."""
+
+from __future__ import annotations
+
+import json
+import os
+import time
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from service.progress import replace_text
+
+
+def run_job(spec: dict[str, Any], artefact_dir: Path) -> dict[str, Any]:
+    """Behaves as the name of the scenario says: quick, long, raises, dies, or dies in its first attempt only."""
+    name = spec["scenario"]["name"]
+    (artefact_dir / "pid").write_text(str(os.getpid()))
+    if name == "raises":
+        raise ValueError("asked to")
+    if name == "dies" or (name == "dies once" and artefact_dir.name == "1"):
+        os._exit(9)
+    with (artefact_dir / "recording.rrd").open("wb") as recording:
+        for step in range(1, 2 if name == "quick" else 1200):
+            recording.write(b"step %d\n" % step)
+            recording.flush()
+            progress = {"fraction": 0.5, "step": step, "steps": 1200, "depth_mm": 0.1 * step}
+            replace_text(artefact_dir / "progress.json", json.dumps(progress))
+            if name != "quick":
+                time.sleep(0.05)
+    tip = np.arange(6.0).reshape(2, 3)
+    np.savez(artefact_dir / "series.npz", t_s=np.array([0.0, np.nan]), tip_m=tip, tissue_rest_m=np.zeros((5, 3)))
+    success = name == "quick"
+    result = {"status": "completed", "metrics": {"success": success, "rmse_mm": 0.5, "bad": float("nan")}}
+    (artefact_dir / "result.json").write_text(json.dumps({"status": "completed"}))
+    return result
+
+
+def warm_up() -> None:
+    """Nothing to compile."""

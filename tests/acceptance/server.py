@@ -1,0 +1,101 @@
+"""A real service in a process of its own, for tests that kill it or its workers."""
+
+from __future__ import annotations
+
+import os
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+from needlebench import Client
+from service.client import JobStatus
+from service.server import serve
+from service.settings import RUNNER, Settings
+
+FAKE = "tests.acceptance.fakes:run_job"
+ROOT = Path(__file__).resolve().parents[2]
+PATIENCE_S = 60.0
+
+
+class Server:
+    """The process; `client` talks to it."""
+
+    def __init__(self, data: Path, *, runner: str = FAKE, workers: int = 2) -> None:
+        self.data = data
+        code = "from tests.acceptance.server import main; main()"
+        command = [sys.executable, "-c", code, str(data), runner, str(workers)]
+        self.process = subprocess.Popen(command, cwd=ROOT, stdout=subprocess.PIPE, text=True)
+        assert self.process.stdout is not None
+        self.url = self.process.stdout.readline().strip()
+        assert self.url, "the service did not start"
+        self.client = Client(self.url)
+
+    def stop(self, number: int = signal.SIGTERM) -> int:
+        self.client.close()
+        self.process.send_signal(number)
+        code = self.process.wait(timeout=PATIENCE_S)
+        assert self.process.stdout is not None
+        self.process.stdout.close()
+        return code
+
+    def running(self, name: str) -> JobStatus:
+        """Submit a fake job by name and wait until its worker has shown progress."""
+        job = self.client.submit({"name": name})
+        until(lambda: self.client.job(job.id).progress.step > 0)
+        return self.client.job(job.id)
+
+    def worker_of(self, job: JobStatus) -> int:
+        return int((self.data / "jobs" / job.id / str(job.attempt) / "pid").read_text())
+
+
+@contextmanager
+def running_server(data: Path, *, runner: str = FAKE, workers: int = 2) -> Iterator[Server]:
+    server = Server(data, runner=runner, workers=workers)
+    try:
+        yield server
+    finally:
+        if server.process.poll() is None:
+            server.stop()
+
+
+def until(condition: Callable[[], bool]) -> None:
+    """Wait for something that must come."""
+    end = time.monotonic() + PATIENCE_S
+    while not condition():
+        assert time.monotonic() < end, "waited in vain"
+        time.sleep(0.02)
+
+
+def alive(pid: int) -> bool:
+    """Whether a process runs; a zombie does not."""
+    try:
+        os.kill(pid, 0)
+        return Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()[0] != "Z"
+    except FileNotFoundError:
+        return sys.platform != "linux"
+    except ProcessLookupError:
+        return False
+
+
+def children(pid: int) -> list[int]:
+    """Process ids of the living children, from the process table (Linux)."""
+    found = []
+    for stat in Path("/proc").glob("[0-9]*/stat"):
+        try:
+            fields = stat.read_text().rpartition(")")[2].split()
+        except OSError:
+            continue
+        if int(fields[1]) == pid and fields[0] != "Z":
+            found.append(int(stat.parent.name))
+    return found
+
+
+def main() -> None:
+    """What the process of `Server` runs."""
+    data, runner, workers = sys.argv[1:4]
+    settings = Settings(data=Path(data), port=0, runner=runner or RUNNER, workers=int(workers))
+    serve(settings, announce=lambda url: print(url, flush=True))

@@ -1,0 +1,124 @@
+"""Jobs through a real server and real worker processes; the simulation is a stand-in."""
+
+from __future__ import annotations
+
+import os
+import signal
+import threading
+from collections.abc import Iterator
+from pathlib import Path
+
+import httpx2
+import numpy as np
+import pytest
+
+from needlebench import Client
+from service.client import JobStatus, ServiceError
+from tests.acceptance.server import Server, alive, running_server, until
+
+
+@pytest.fixture(scope="module")
+def server(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Server]:
+    with running_server(tmp_path_factory.mktemp("data")) as running:
+        yield running
+
+
+def test_submit_wait_and_fetch(server: Server, tmp_path: Path) -> None:
+    seen: list[JobStatus] = []
+    done = server.client.wait(server.client.submit({"name": "quick"}).id, progress=seen.append)
+    assert (done.state, done.success, done.attempt) == ("succeeded", True, 1)
+    assert done.result == {"status": "completed", "metrics": {"success": True, "rmse_mm": 0.5, "bad": None}}
+    assert seen[-1] == done
+    with np.load(server.client.series(done.id, tmp_path / "series.npz")) as series:
+        assert series["tip_m"].shape == (2, 3)
+    assert server.client.recording(done.id, tmp_path / "a.rrd").read_bytes() == b"step 1\n"
+
+
+def test_a_job_that_raises_has_failed_and_is_not_tried_again(server: Server) -> None:
+    done = server.client.wait(server.client.submit({"name": "raises"}).id)
+    assert (done.state, done.attempt) == ("failed", 1)
+    assert done.error is not None
+    assert done.error["kind"] == "exception"
+    assert "ValueError: asked to" in done.error["message"]
+
+
+def test_a_running_job_is_cancelled_and_its_worker_gone(server: Server) -> None:
+    job = server.running("long")
+    pid = server.worker_of(job)
+    server.client.cancel(job.id)
+    done = server.client.wait(job.id, timeout_s=30)
+    assert done.state == "cancelled"
+    assert not alive(pid)
+    assert server.client.cancel(job.id).state == "cancelled"
+
+
+def test_a_job_that_takes_too_long_is_timed_out(server: Server) -> None:
+    job = server.client.submit({"name": "long"}, timeout_s=1)
+    done = server.client.wait(job.id, timeout_s=30)
+    assert done.state == "timed_out"
+    assert done.error is not None
+    assert "timeout_s = 1" in done.error["message"]
+
+
+def test_a_live_recording_is_followed_to_its_end(server: Server) -> None:
+    job = server.running("long")
+    received = b""
+    with httpx2.Client(trust_env=False) as http, http.stream("GET", f"{server.url}/recordings/{job.id}.rrd") as answer:
+        assert answer.headers.get("transfer-encoding") == "chunked"
+        for chunk in answer.iter_bytes():
+            if received.count(b"step") < 8 <= (received + chunk).count(b"step"):
+                threading.Thread(target=server.client.cancel, args=(job.id,)).start()
+            received += chunk
+    file = server.data / "jobs" / job.id / "1" / "recording.rrd"
+    assert received == file.read_bytes()
+    assert received.startswith(b"step 1\nstep 2\n")
+
+
+def test_a_worker_that_dies_costs_its_own_job_one_attempt(server: Server) -> None:
+    victim, other = server.running("long"), server.running("long")
+    other_pid = server.worker_of(other)
+    os.kill(server.worker_of(victim), signal.SIGKILL)
+    until(lambda: server.client.job(victim.id).attempt == 2)
+    assert (server.client.job(other.id).attempt, server.worker_of(other)) == (1, other_pid)
+    assert alive(other_pid)
+    for job in (victim, other):
+        server.client.cancel(job.id)
+        server.client.wait(job.id, timeout_s=30)
+
+
+def test_a_job_that_kills_its_worker_is_given_up_after_three_attempts(server: Server) -> None:
+    done = server.client.wait(server.client.submit({"name": "dies"}).id)
+    assert (done.state, done.attempt) == ("failed", 3)
+    assert done.error is not None
+    assert done.error["kind"] == "worker_died"
+    assert "exit code 9" in done.error["message"]
+
+
+def test_a_worker_killed_while_idle_is_replaced(server: Server) -> None:
+    until(lambda: server.client.ready()["workers_ready"] == 2)
+    done = server.client.wait(server.client.submit({"name": "quick"}).id)
+    os.kill(server.worker_of(done), signal.SIGKILL)
+    again = [server.client.submit({"name": "quick"}).id for _ in range(4)]
+    assert [server.client.wait(job).state for job in again] == ["succeeded"] * 4
+
+
+def test_what_the_service_refuses_is_raised_with_its_problems(server: Server) -> None:
+    with pytest.raises(ServiceError) as caught:
+        server.client.submit({"dt_s": 5})
+    assert caught.value.status == 422
+    assert str(caught.value).startswith("dt_s = 5: ")
+    with pytest.raises(ServiceError, match="there is no job"):
+        server.client.job("unknown")
+
+
+def test_jobs_are_paged_through(server: Server) -> None:
+    ids = [server.client.submit({"name": "quick"}, priority=-5).id for _ in range(3)]
+    assert [job.id for job in server.client.jobs(limit=3)] == ids[::-1]
+    assert list(server.client.scenarios()) == ["demo", "line", "sine", "replay"]
+
+
+def test_a_proxy_is_not_asked_for_this_machine(server: Server, monkeypatch: pytest.MonkeyPatch) -> None:
+    for name in ("HTTP_PROXY", "http_proxy", "ALL_PROXY", "all_proxy"):
+        monkeypatch.setenv(name, "http://127.0.0.1:9")
+    with Client(server.url) as client:
+        assert client.ready()["workers"] == 2

@@ -1,0 +1,44 @@
+"""The application without its engine: jobs stay queued, and a test moves them on through the store."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from starlette.testclient import TestClient
+
+from service.app import create_app
+from service.core import Service
+from service.jobs import Artefact, Job, Outcome
+from service.settings import Settings
+from service.worker import describe
+
+HERE = "http://127.0.0.1:8321"
+
+
+@contextmanager
+def idle_service(data: Path, **settings: Any) -> Iterator[tuple[TestClient, Service]]:
+    service = Service.open(Settings(data=data, **settings))
+    try:
+        yield TestClient(create_app(service), base_url=HERE, raise_server_exceptions=False), service
+    finally:
+        service.store.close()
+
+
+def finish(service: Service, *, files: bool = True) -> Job:
+    """Claim the next job and end it with a small result, as a worker would."""
+    job = service.store.claim()
+    assert job is not None
+    folder = service.settings.data / job.folder
+    folder.mkdir(parents=True)
+    if files:
+        (folder / "recording.rrd").write_bytes(b"0123456789")
+        (folder / "result.json").write_text("{}")
+        tip = np.arange(6.0).reshape(2, 3)
+        np.savez(folder / "series.npz", t_s=np.array([0.0, np.nan]), tip_m=tip, tissue_rest_m=np.zeros((5, 3)))
+    found = tuple(Artefact(**file, path=f"{job.folder}/{file['name']}") for file in describe(folder))
+    result = {"status": "completed", "metrics": {"success": True, "rmse_mm": 0.5}, "timing": {}, "digest": "ab"}
+    return service.store.finish(job, Outcome(state="succeeded", result=result, artefacts=found))

@@ -1,0 +1,42 @@
+from __future__ import annotations
+
+import re
+from pathlib import Path
+
+import pytest
+from click.testing import CliRunner, Result
+
+from service.cli import main
+
+
+def needlebench(*words: str, **variables: str) -> Result:
+    names = ("NEEDLEBENCH_API_KEY", "NEEDLEBENCH_HOST", "NEEDLEBENCH_PORT", "NEEDLEBENCH_WORKERS", "NEEDLEBENCH_URL")
+    return CliRunner().invoke(main, words, env={**dict.fromkeys(names), **variables})
+
+
+@pytest.mark.parametrize("command", ["serve", "submit", "demo", "jobs", "show", "cancel"])
+def test_help_teaches_by_example(command: str) -> None:
+    told = needlebench(command, "--help")
+    assert told.exit_code == 0
+    assert len(re.findall(r": +(NEEDLEBENCH_\w+=\S+ )?needlebench ", told.output)) >= 1
+
+
+@pytest.mark.parametrize("host", ["0.0.0.0", "192.168.1.5"])
+def test_an_open_address_is_refused_without_a_key_with_the_line_to_type(tmp_path: Path, host: str) -> None:
+    refused = needlebench("serve", "--host", host, "--port", "9000", "--data", str(tmp_path / "data"))
+    assert refused.exit_code == 2
+    assert re.search(rf"NEEDLEBENCH_API_KEY=\S{{20,}} needlebench serve --host {host} --port 9000\n", refused.output)
+    assert not (tmp_path / "data").exists()
+
+
+def test_a_wrong_setting_is_named_and_nothing_is_made(tmp_path: Path) -> None:
+    refused = needlebench("serve", "--data", str(tmp_path / "data"), NEEDLEBENCH_WORKERS="3")
+    assert refused.exit_code == 2
+    assert "NEEDLEBENCH_WORKERS = 3: must be 1 to 2" in refused.output
+    assert not (tmp_path / "data").exists()
+
+
+def test_without_a_service_the_way_to_start_one_is_told(tmp_path: Path) -> None:
+    told = needlebench("jobs", NEEDLEBENCH_DATA=str(tmp_path), NEEDLEBENCH_URL="http://127.0.0.1:9")
+    assert told.exit_code == 1
+    assert "needlebench serve" in told.output

@@ -1,0 +1,62 @@
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from service.settings import Settings, SettingsError, is_loopback, url_of
+
+
+def load(**variables: str) -> Settings:
+    return Settings.load(environ=variables)
+
+
+def test_flags_come_before_variables_and_variables_before_defaults(tmp_path: Path) -> None:
+    settings = Settings.load(host="::1", environ={"NEEDLEBENCH_HOST": "127.0.0.1", "NEEDLEBENCH_DATA": str(tmp_path)})
+    assert (settings.host, settings.data, settings.port, settings.workers) == ("::1", tmp_path, None, 2)
+
+
+@pytest.mark.parametrize(
+    ("name", "value", "told"),
+    [
+        ("NEEDLEBENCH_WORKERS", "0", "must be 1 to 2"),
+        ("NEEDLEBENCH_WORKERS", "3", "must be 1 to 2"),
+        ("NEEDLEBENCH_WORKERS", "two", "must be a whole number"),
+        ("NEEDLEBENCH_PORT", "65536", "to 65535"),
+        ("NEEDLEBENCH_API_KEY", "with space", "without spaces"),
+        ("NEEDLEBENCH_API_KEY", "schlüssel", "printable ASCII"),
+    ],
+)
+def test_a_setting_out_of_range_is_named_with_its_range(name: str, value: str, told: str) -> None:
+    with pytest.raises(SettingsError, match=told) as caught:
+        load(**{name: value})
+    assert name.removeprefix("NEEDLEBENCH_").lower() in str(caught.value).lower().replace("--", "")
+
+
+@pytest.mark.parametrize("host", ["0.0.0.0", "::", "192.168.1.5", "lab.example"])
+def test_an_address_that_others_reach_needs_a_key_and_the_line_to_type_is_given(host: str) -> None:
+    with pytest.raises(SettingsError) as caught:
+        Settings.load(host=host, port=9000, environ={})
+    assert f"needlebench serve --host {host} --port 9000" in str(caught.value)
+    assert "NEEDLEBENCH_API_KEY" in str(caught.value)
+    assert Settings.load(host=host, environ={"NEEDLEBENCH_API_KEY": "k" * 24}).api_key == "k" * 24
+
+
+def test_the_key_is_not_shown() -> None:
+    assert "hush" not in repr(load(NEEDLEBENCH_API_KEY="hush"))
+    with pytest.raises(SettingsError) as caught:
+        load(NEEDLEBENCH_API_KEY="hush hush")
+    assert "hush" not in str(caught.value)
+
+
+@pytest.mark.parametrize(
+    ("host", "local"),
+    [("localhost", True), ("127.0.0.1", True), ("127.8.8.8", True), ("::1", True), ("0.0.0.0", False), ("a.b", False)],
+)
+def test_what_loopback_is(host: str, local: bool) -> None:
+    assert is_loopback(host) is local
+
+
+def test_url_of() -> None:
+    assert url_of("0.0.0.0", 1) == "http://127.0.0.1:1"
+    assert url_of("::1", 2) == "http://[::1]:2"
