@@ -22,7 +22,7 @@ from simcore.compiled import kernel
 Vector = NDArray[np.float64]
 Indices = NDArray[np.int64]
 
-FORCE_SLACK_N = 1e-12
+FORCE_SLACK_N = 1e-9  # above the rounding of the dense solve, far below every force tolerance
 MODE_SWEEPS = 200
 TOGETHER_SWEEPS = 20  # after these, one element at a time changes its mode: no cycles
 MERGED_M = 1e-9  # two breakpoints nearer than this are one

@@ -154,7 +154,7 @@ class InverseFem(Block):
     kind: Literal["ifem"] = Field(default="ifem", description="ifem, replay or open_loop")
     gain: Number = bounded(1.0, 0.0, 2.0, "k of the three tip objectives [ours]")
     rcm_gain: Number = bounded(1.0, 0.0, 2.0, "k of the two remote-centre objectives; 0 = rows left out [ours]")
-    damping: Number = bounded(0.05, 0.0, 10.0, "d of J^T (J J^T + d^2 I)^-1, dimensionless [ours]")
+    damping: Number = bounded(0.05, 1e-4, 10.0, "d of J^T (J J^T + d^2 I)^-1, dimensionless [ours]")
     lever_arm_mm: Number = bounded(
         100.0, 1.0, 1000.0, "length that makes rotations comparable with translations [ours]"
     )
