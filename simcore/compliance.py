@@ -50,8 +50,9 @@ class Compliance:
         self.column_rest_m[:] = np.nan
 
     def solve(self, right: Vector | Single) -> Single:
-        """A^-1 right, (unknowns,) or (unknowns, k), in single precision."""
-        solution: Single = spbtrs(self.factor, right.astype(np.float32), lower=1)[0]
+        """A^-1 right, (unknowns,) or (unknowns, k), in single precision; a diverging step overflows to infinity."""
+        with np.errstate(over="ignore", invalid="ignore"):
+            solution: Single = spbtrs(self.factor, right.astype(np.float32), lower=1)[0]
         return solution
 
     def sync(self, channel: Channel) -> None:

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from typing import TYPE_CHECKING, Protocol
+from dataclasses import dataclass, fields
+from typing import TYPE_CHECKING, Protocol, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,6 +14,7 @@ if TYPE_CHECKING:
 
 Vector = NDArray[np.float64]
 Indices = NDArray[np.int64]
+Shown = TypeVar("Shown", "Scene", "StepRecord")
 
 
 @dataclass(frozen=True)
@@ -70,8 +71,17 @@ class StepRecord:
     timing: StepTiming
 
 
+def sealed(shown: Shown) -> Shown:
+    """The same scene or record with read-only arrays: whoever watches cannot change the run."""
+    for field in fields(shown):
+        value = getattr(shown, field.name)
+        if isinstance(value, np.ndarray):
+            value.flags.writeable = False
+    return shown
+
+
 class Observer(Protocol):
-    """Watches a run. It may raise to stop it (cancellation); it never changes it."""
+    """Watches a run. It may raise to stop it (cancellation); it cannot change it, its arrays are read-only."""
 
     def begin(self, scene: Scene, first: StepRecord) -> None:
         """Called once, with the initial state."""

@@ -19,7 +19,7 @@ from simcore.insertion import Insertion, Pose
 from simcore.linearisation import Linearisation, lateral_offset, linearise
 from simcore.metrics import metrics
 from simcore.provenance import provenance
-from simcore.records import Observer, Scene, Silent, StepRecord, StepTiming
+from simcore.records import Observer, Scene, Silent, StepRecord, StepTiming, sealed
 from simcore.robot import limited_pose
 from simcore.rotations import quaternion_from_matrix
 from simcore.scenario import Scenario
@@ -189,16 +189,17 @@ class _Loop:
     def scene(self) -> Scene:
         """What stays the same during the run."""
         mesh = self.insertion.tissue.mesh
-        return Scene(
+        scene = Scene(
             scenario=self.scenario,
             steps=self.steps,
-            tissue_rest_m=mesh.nodes_m,
-            tissue_tets=mesh.tets,
-            surface_triangles=mesh.surface_triangles,
+            tissue_rest_m=mesh.nodes_m.copy(),
+            tissue_tets=mesh.tets.copy(),
+            surface_triangles=mesh.surface_triangles.copy(),
             path_m=self.path.curve(np.linspace(0.0, 1.0, 2 if self.path.is_straight else 101)),
-            entry_m=self.insertion.entry_m,
+            entry_m=self.insertion.entry_m.copy(),
             needle_radius_m=self.insertion.needle.outer_radius_m,
         )
+        return sealed(scene)
 
     def _record(self, step: int, command: Pose, limited: bool, timing: StepTiming) -> StepRecord:
         state, recording = self.state, self.scenario.recording
@@ -207,7 +208,7 @@ class _Loop:
         offset = lateral_offset(self.insertion, state, self.insertion.entry_m)[0]
         target = self._target(step)
         frame = step in (0, self.steps) or (recording.enabled and step % recording.every_steps == 0)
-        return StepRecord(
+        record = StepRecord(
             step=step,
             t_s=step * self.scenario.dt_s,
             base_position_m=base.position_m.copy(),
@@ -234,6 +235,7 @@ class _Loop:
             tissue_m=state.bodies.x.copy() if frame else None,
             timing=timing,
         )
+        return sealed(record)
 
     def _shaft(self) -> Vector:
         needle, b = self.insertion.needle, self.state.bodies

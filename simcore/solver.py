@@ -333,9 +333,10 @@ class Coupled:
 
     def _move_tissue(self, step: Single, change: Vector) -> None:
         full = np.zeros((self.channel.count, 3), np.float32)
-        full[self.elements] = change
         columns = self.compliance.columns[: self.channel.count].reshape(3 * self.channel.count, -1)
-        step += full.ravel() @ columns
+        with np.errstate(over="ignore", invalid="ignore"):  # a diverging step is named when it is evaluated
+            full[self.elements] = change
+            step += full.ravel() @ columns
         free = self.tissue.unknown >= 0
         self.bodies.x[free] += step.reshape(-1, 3)[self.tissue.unknown[free]]
 

@@ -1,0 +1,532 @@
+"""The one loop: reproducible to the bit, watched without being changed, failing by name."""
+
+from __future__ import annotations
+
+import json
+import math
+import os
+import subprocess
+import sys
+from dataclasses import fields
+from itertools import pairwise
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import HealthCheck, given, settings
+
+from simcore import rollout as module
+from simcore.artefacts import write
+from simcore.errors import Status
+from simcore.metrics import MEASURED
+from simcore.records import Scene, StepRecord
+from simcore.rollout import UNDIGESTED, Rollout, digest, run
+from simcore.rotations import log_map, matrix_from_quaternion
+from simcore.scenario import Scenario
+from tests.strategies import small_runs
+
+ROOT = Path(__file__).resolve().parents[2]
+STEPS = 41
+
+SHORT: dict[str, Any] = {
+    "name": "short",
+    "seed": 11,
+    "dt_s": 0.1,
+    "noise_mm": 0.25,
+    "tissue": {"size_mm": [24, 40, 40], "element_size_mm": 10},
+    "needle": {"length_mm": 80, "elements": 8},
+    "interaction": {"spacing_mm": 10},
+    "trajectory": {"kind": "sine", "entry_mm": [12, 20, 0], "target_mm": [12, 22, 40], "amplitude_mm": 1.0},
+    "recording": {"every_steps": 10},
+}
+
+
+LINE = {"kind": "line", "entry_mm": [12, 20, 0], "target_mm": [12, 20, 40]}
+
+
+def short(**blocks: Any) -> Scenario:
+    """A millisecond a step: 3 x 5 x 5 nodes; keywords update blocks, one with a kind replaces its block."""
+    data = {**SHORT}
+    for name, values in blocks.items():
+        updates = isinstance(values, dict) and "kind" not in values
+        data[name] = {**data.get(name, {}), **values} if updates else values
+    return Scenario.load(data)
+
+
+@pytest.fixture(scope="module")
+def plain() -> Rollout:
+    return run(short())
+
+
+class Watcher:
+    """Keeps what it is shown, in order."""
+
+    def __init__(self, *, stop_at: int | None = None, error: BaseException | None = None) -> None:
+        self.calls: list[str] = []
+        self.records: list[StepRecord] = []
+        self.stop_at, self.error = stop_at, error
+        self.scene: Scene | None = None
+        self.rollout: Rollout | None = None
+
+    def begin(self, scene: Scene, first: StepRecord) -> None:
+        self.scene = scene
+        self.records.append(first)
+        self.calls.append("begin")
+
+    def step(self, record: StepRecord) -> None:
+        self.records.append(record)
+        self.calls.append("step")
+        if record.step == self.stop_at and self.error:
+            raise self.error
+
+    def end(self, rollout: Rollout) -> None:
+        self.rollout = rollout
+        self.calls.append("end")
+
+
+def state_of(rollout: Rollout) -> dict[str, np.ndarray]:
+    return {name: array for name, array in rollout.series.items() if name not in UNDIGESTED}
+
+
+# ---- reproducible to the bit
+
+
+def test_a_run_completes_and_succeeds(plain: Rollout) -> None:
+    assert plain.status is Status.COMPLETED
+    assert plain.message == ""
+    assert plain.success
+    assert plain.metrics["steps"] == plain.metrics["steps_completed"] == short().steps == STEPS
+
+
+def test_twice_is_the_same_to_the_bit(plain: Rollout) -> None:
+    again = run(short())
+    assert again.digest == plain.digest
+    for name, array in state_of(plain).items():
+        np.testing.assert_array_equal(again.series[name], array, err_msg=name)
+
+
+@pytest.mark.parametrize(
+    "recording", [{"enabled": False}, {"every_steps": 1}, {"every_steps": 7}, {"every_steps": 10_000}]
+)
+def test_recording_does_not_change_the_digest(plain: Rollout, recording: dict[str, Any]) -> None:
+    other = run(short(recording=recording), Watcher())
+    assert other.digest == plain.digest
+    np.testing.assert_array_equal(other.series["tissue_m"][-1], plain.series["tissue_m"][-1])
+
+
+def test_other_runs_in_between_do_not_matter(plain: Rollout) -> None:
+    run(short(seed=99, tissue={"young_kpa": 2.0}))
+    assert run(short()).digest == plain.digest
+
+
+def test_a_round_trip_through_json_does_not_matter(plain: Rollout) -> None:
+    assert run(Scenario.load(json.dumps(short().resolved()))).digest == plain.digest
+
+
+def test_the_name_is_not_in_the_digest(plain: Rollout) -> None:
+    assert run(short(name="other")).digest == plain.digest
+
+
+def test_the_clock_is_not_in_the_digest(plain: Rollout) -> None:
+    ticks = iter(range(100_000))
+    slow = run(short(), clock=lambda: float(next(ticks)))
+    assert slow.digest == plain.digest
+    assert slow.timing["plant"]["median_ms"] == 1000.0
+    assert slow.timing["simulated_s"] == pytest.approx(STEPS * 0.1)
+
+
+def test_every_array_is_in_the_digest(plain: Rollout) -> None:
+    for name, array in plain.series.items():
+        changed = {**plain.series, name: array.copy()}
+        last = changed[name].reshape(-1)
+        last[-1] = not last[-1] if array.dtype == bool else last[-1] + 1
+        assert (digest(changed) == plain.digest) == (name in UNDIGESTED and name != "tissue_m"), name
+    assert digest({**plain.series, "extra": np.zeros(1)}) != plain.digest
+
+
+PROGRAM = (
+    "import json, sys; from simcore.scenario import Scenario; from simcore.rollout import run\n"
+    "print(run(Scenario.load(sys.stdin.read())).digest)"
+)
+
+
+def digest_elsewhere(scenario: Scenario, **environment: str) -> str:
+    done = subprocess.run(
+        [sys.executable, "-W", "error", "-c", PROGRAM],
+        input=json.dumps(scenario.resolved()),
+        env={**os.environ, **environment},
+        cwd=ROOT,
+        capture_output=True,
+        text=True,
+        check=True,
+    )
+    return done.stdout.strip()
+
+
+def test_another_process_gives_the_same_digest(plain: Rollout) -> None:
+    threads = {"OMP_NUM_THREADS": "2", "OPENBLAS_NUM_THREADS": "2", "PYTHONHASHSEED": "7"}
+    assert digest_elsewhere(short(), **threads) == plain.digest
+
+
+@pytest.mark.slow
+def test_a_cold_cache_gives_the_same_digest(plain: Rollout, tmp_path: Path) -> None:
+    assert digest_elsewhere(short(), NUMBA_CACHE_DIR=str(tmp_path)) == plain.digest
+    assert any(tmp_path.rglob("*.nbc"))
+    assert digest_elsewhere(short(), NUMBA_CACHE_DIR=str(tmp_path)) == plain.digest
+
+
+# ---- the seed
+
+
+def test_the_seed_changes_the_noise_and_the_digest(plain: Rollout) -> None:
+    other = run(short(seed=12))
+    assert other.digest != plain.digest
+    np.testing.assert_array_equal(other.series["target_m"], plain.series["target_m"])
+    assert not np.array_equal(other.series["target_noisy_m"], plain.series["target_noisy_m"])
+    assert not np.array_equal(other.series["tip_m"], plain.series["tip_m"])
+
+
+def test_without_noise_the_seed_changes_nothing() -> None:
+    one, two = run(short(noise_mm=0.0, seed=1)), run(short(noise_mm=0.0, seed=2**53 - 1))
+    assert one.digest == two.digest
+    np.testing.assert_array_equal(one.series["target_noisy_m"], one.series["target_m"])
+
+
+def test_noise_is_bounded_and_only_on_what_the_controller_sees(plain: Rollout) -> None:
+    noise = plain.series["target_noisy_m"] - plain.series["target_m"]
+    assert 0.2e-3 < np.abs(noise).max() <= 0.25e-3 * (1 + 1e-9)
+
+
+# ---- the observer
+
+
+def test_the_observer_sees_the_rows_of_the_series(plain: Rollout) -> None:
+    watcher = Watcher()
+    found = run(short(), watcher)
+    assert watcher.calls == ["begin", *["step"] * STEPS, "end"]
+    assert watcher.rollout is found
+    assert [record.step for record in watcher.records] == list(range(STEPS + 1))
+    for field in fields(StepRecord):
+        if field.name in found.series and field.name not in UNDIGESTED:
+            seen = np.array([getattr(record, field.name) for record in watcher.records])
+            np.testing.assert_array_equal(seen, found.series[field.name], err_msg=field.name)
+    frames = [record.step for record in watcher.records if record.tissue_m is not None]
+    assert frames == list(found.series["tissue_frame_step"]) == [0, 10, 20, 30, 40, 41]
+
+
+def test_the_observer_sees_the_scene_first() -> None:
+    watcher = Watcher()
+    found = run(short(), watcher)
+    scene = watcher.scene
+    assert scene is not None
+    assert scene.scenario == short()
+    assert scene.steps == STEPS
+    np.testing.assert_array_equal(scene.tissue_rest_m, found.series["tissue_rest_m"])
+    np.testing.assert_array_equal(scene.tissue_tets, found.series["tissue_tets"])
+    np.testing.assert_allclose(scene.entry_m, [0.012, 0.02, 0.0])
+    np.testing.assert_allclose(scene.path_m[[0, -1]], [[0.012, 0.02, 0.0], [0.012, 0.022, 0.04]], atol=1e-12)
+    assert scene.needle_radius_m == pytest.approx(0.635e-3)
+
+
+def test_records_own_their_arrays() -> None:
+    watcher = Watcher()
+    run(short(), watcher)
+    tips = np.array([record.tip_m for record in watcher.records])
+    shafts = np.array([record.shaft_m for record in watcher.records])
+    np.testing.assert_array_equal(shafts[:, -1], tips)
+    np.testing.assert_allclose(shafts[:, 0], [record.base_position_m for record in watcher.records], atol=1e-15)
+    assert all(record.points_m.shape == record.point_forces_n.shape for record in watcher.records)
+    assert watcher.records[0].points_m.shape[0] <= 1
+    assert watcher.records[-1].points_m.shape[0] >= 3
+
+
+class Stopped(Exception):
+    """What a cancelling observer raises."""
+
+
+@pytest.mark.parametrize("step", [1, 17, STEPS])
+@pytest.mark.parametrize("error", [Stopped(), KeyboardInterrupt(), SystemExit(3)])
+def test_an_observer_that_raises_stops_the_run(plain: Rollout, step: int, error: BaseException) -> None:
+    watcher = Watcher(stop_at=step, error=error)
+    with pytest.raises(type(error)):
+        run(short(), watcher)
+    assert watcher.calls == ["begin", *["step"] * step]
+    np.testing.assert_array_equal(watcher.records[-1].tip_m, plain.series["tip_m"][step])
+
+
+def test_a_run_after_a_stopped_one_is_the_same(plain: Rollout) -> None:
+    with pytest.raises(Stopped):
+        run(short(), Watcher(stop_at=20, error=Stopped()))
+    assert run(short()).digest == plain.digest
+
+
+def test_the_observers_time_is_recording_time() -> None:
+    now = [0.0]
+
+    class Slow(Watcher):
+        def step(self, record: StepRecord) -> None:
+            now[0] += 0.25
+
+    found = run(short(), Slow(), clock=lambda: now[0])
+    assert found.timing["recording"]["median_ms"] == found.timing["recording"]["max_ms"] == pytest.approx(250.0)
+    assert found.timing["plant"]["max_ms"] == found.timing["command"]["max_ms"] == 0.0
+    assert found.timing["loop_wall_s"] == pytest.approx(0.25 * STEPS)
+    assert found.timing["realtime_factor"] == pytest.approx(0.1 / 0.25)
+
+
+# ---- the series
+
+
+def test_series_names_shapes_and_types(plain: Rollout) -> None:
+    rows, nodes = STEPS + 1, 3 * 5 * 5
+    shapes = {
+        "t_s": (rows,),
+        "base_position_m": (rows, 3),
+        "base_rotation": (rows, 4),
+        "tip_m": (rows, 3),
+        "target_m": (rows, 3),
+        "target_noisy_m": (rows, 3),
+        "command_position_m": (rows, 3),
+        "command_rotation": (rows, 4),
+        "limited": (rows,),
+        "depth_m": (rows,),
+        "base_force_n": (rows, 3),
+        "base_torque_nm": (rows, 3),
+        "insertion_force_n": (rows,),
+        "rcm_error_m": (rows,),
+        "iterations": (rows,),
+        "residual_n": (rows,),
+        "violation_m": (rows,),
+        "min_det_f": (rows,),
+        "max_displacement_m": (rows,),
+        "lateral_sum_n": (rows,),
+        "lateral_resultant_n": (rows,),
+        "plant_s": (rows,),
+        "jacobian_s": (rows,),
+        "command_s": (rows,),
+        "recording_s": (rows,),
+        "tissue_rest_m": (nodes, 3),
+        "tissue_tets": (2 * 4 * 4 * 6, 4),
+        "tissue_m": (6, nodes, 3),
+        "tissue_frame_step": (6,),
+    }
+    assert {name: array.shape for name, array in plain.series.items()} == shapes
+    integers = {name for name, array in plain.series.items() if array.dtype.kind == "i"}
+    assert integers == {"iterations", "tissue_tets", "tissue_frame_step"}
+    assert plain.series["limited"].dtype == bool
+    assert all(np.isfinite(array).all() for array in plain.series.values())
+
+
+def test_row_0_is_the_initial_state(plain: Rollout) -> None:
+    series = plain.series
+    entry = np.array([0.012, 0.02, 0.0])
+    np.testing.assert_allclose(series["tip_m"][0], entry, atol=1e-15)
+    np.testing.assert_allclose(series["target_m"][0], entry, atol=1e-15)
+    axis = matrix_from_quaternion(series["base_rotation"][0])[:, 2]
+    np.testing.assert_allclose(axis, short().path().first_tangent(), atol=1e-14)
+    np.testing.assert_allclose(series["base_position_m"][0], entry - 0.08 * axis, atol=1e-15)
+    np.testing.assert_array_equal(series["command_position_m"][0], series["base_position_m"][0])
+    np.testing.assert_array_equal(series["tissue_m"][0], series["tissue_rest_m"])
+    for name in ("t_s", "depth_m", "max_displacement_m", "insertion_force_n", "limited", "plant_s", "recording_s"):
+        assert series[name][0] == 0, name
+
+
+def test_values_are_si_and_consistent(plain: Rollout) -> None:
+    s = plain.series
+    np.testing.assert_allclose(s["t_s"], 0.1 * np.arange(STEPS + 1), atol=1e-12)
+    np.testing.assert_allclose(s["target_m"][-1], [0.012, 0.022, 0.04], atol=1e-12)
+    np.testing.assert_allclose(np.linalg.norm(s["base_rotation"], axis=1), 1.0, atol=1e-14)
+    np.testing.assert_allclose(np.linalg.norm(s["command_rotation"], axis=1), 1.0, atol=1e-14)
+    assert 0.03 < s["depth_m"].max() < 0.05
+    assert 0.1 < s["insertion_force_n"].max() < 5.0
+    assert 0.1e-3 < s["max_displacement_m"].max() < 0.02
+    assert s["residual_n"].max() <= 1e-5
+    assert s["violation_m"].max() <= 1e-8
+    assert 0.1 < s["min_det_f"].min() <= 1.0
+    assert (s["iterations"][1:] >= 1).all()
+    axes = np.array([matrix_from_quaternion(q)[:, 2] for q in s["base_rotation"]])
+    np.testing.assert_allclose(s["insertion_force_n"], np.einsum("ij,ij->i", s["base_force_n"], axes), atol=1e-12)
+    moved = np.linalg.norm(s["tissue_m"][-1] - s["tissue_rest_m"], axis=1).max()
+    assert moved == pytest.approx(s["max_displacement_m"][-1])
+    fixed = np.isin(s["tissue_rest_m"][:, 1], [0.0, s["tissue_rest_m"][:, 1].max()])
+    np.testing.assert_array_equal(s["tissue_m"][-1][fixed], s["tissue_rest_m"][fixed])
+    assert (s["lateral_sum_n"] >= s["lateral_resultant_n"] - 1e-12).all()
+
+
+def test_the_robots_limits_hold_in_the_series() -> None:
+    s = run(short(robot={"max_speed_mm_s": 12.0, "max_turn_deg_s": 2.0})).series
+    shifts = np.linalg.norm(np.diff(s["base_position_m"], axis=0), axis=1)
+    rotations = [matrix_from_quaternion(q) for q in s["base_rotation"]]
+    turns = [np.linalg.norm(log_map(after @ before.T)) for before, after in pairwise(rotations)]
+    assert shifts.max() <= 12e-3 * 0.1 * (1 + 1e-9)
+    assert max(turns) <= math.radians(2.0) * 0.1 * (1 + 1e-6)
+    assert 0 < s["limited"].sum()
+    free = ~s["limited"]
+    np.testing.assert_allclose(s["base_position_m"][free], s["command_position_m"][free], atol=1e-15)
+
+
+def test_the_path_of_the_tissue_moves_with_it() -> None:
+    world, tissue = run(short(noise_mm=0.0)), run(short(noise_mm=0.0, trajectory={"frame": "tissue"}))
+    assert tissue.status is Status.COMPLETED
+    apart = np.linalg.norm(tissue.series["target_m"] - world.series["target_m"], axis=1)
+    assert apart[0] < 1e-12
+    assert apart.max() > 1e-5
+
+
+# ---- the controllers in the loop
+
+
+def test_open_loop_commands_a_straight_line() -> None:
+    s = run(short(controller={"kind": "open_loop"})).series
+    axis = np.array([0.0, 2.0, 40.0]) / math.hypot(2.0, 40.0)
+    np.testing.assert_allclose(matrix_from_quaternion(s["command_rotation"][-1])[:, 2], axis, atol=1e-12)
+    away = s["command_position_m"][1:] - [0.012, 0.02, 0.0]
+    np.testing.assert_allclose(np.cross(away, axis), 0.0, atol=1e-12)
+
+
+def test_steering_beats_open_loop(plain: Rollout) -> None:
+    blind = run(short(controller={"kind": "open_loop"}))
+    assert plain.metrics["rmse_mm"] < 0.7 * blind.metrics["rmse_mm"]
+
+
+def replay(poses: list[list[float]]) -> dict[str, Any]:
+    return {"kind": "replay", "poses": poses}
+
+
+def test_replay_is_as_long_as_its_poses_and_not_limited() -> None:
+    poses = [[12.0, 20.0, -80.0 + 0.5 * (i + 1), 1.0, 0.0, 0.0, 0.0] for i in range(17)]
+    found = run(short(controller=replay(poses), robot={"max_speed_mm_s": 0.1}, trajectory=LINE))
+    assert found.status is Status.COMPLETED
+    s = found.series
+    assert len(s["t_s"]) == 18
+    np.testing.assert_allclose(s["base_position_m"][1:] * 1e3, np.array(poses)[:, :3], atol=1e-12)
+    np.testing.assert_allclose(s["base_rotation"][1:], np.array(poses)[:, 3:], atol=1e-15)
+    assert not s["limited"].any()
+
+
+def test_replay_of_a_run_is_that_run() -> None:
+    """The recorded base poses, prescribed, give the same states but for rounding of the poses."""
+    made = run(short(noise_mm=0.0)).series
+    poses = np.hstack([made["base_position_m"][1:] * 1e3, made["base_rotation"][1:]]).tolist()
+    again = run(short(noise_mm=0.0, controller=replay(poses))).series
+    np.testing.assert_allclose(again["tip_m"], made["tip_m"], atol=1e-9)
+    np.testing.assert_allclose(again["base_force_n"], made["base_force_n"], atol=1e-3)
+
+
+# ---- failures have names and keep the last good state
+
+
+def test_a_step_that_does_not_converge_ends_the_run_by_name() -> None:
+    watcher = Watcher()
+    found = run(short(solver={"max_iterations": 1}), watcher)
+    done = len(found.series["t_s"]) - 1
+    assert found.status is Status.NOT_CONVERGED
+    assert done < STEPS
+    assert f"step {done + 1} of {STEPS}, depth" in found.message
+    assert (found.metrics["stable"], found.metrics["success"]) == (False, False)
+    assert watcher.calls == ["begin", *["step"] * done, "end"]
+    assert found.series["tissue_frame_step"][-1] == done
+    assert all(np.isfinite(array).all() for array in found.series.values())
+    assert found.series["residual_n"].max() <= 1e-5
+    json.dumps(found.result(), allow_nan=False)
+
+
+def test_the_last_good_row_is_that_of_an_undisturbed_run() -> None:
+    """Sane poses, then one that no needle survives: the rows before are those of the sane poses alone."""
+    sane = [[12.0, 20.0, -80.0 + 0.5 * (i + 1), 1.0, 0.0, 0.0, 0.0] for i in range(6)]
+    broken = [*sane, [5000.0, 20.0, -80.0, 1.0, 0.0, 0.0, 0.0], *sane]
+    with np.errstate(over="ignore", invalid="ignore"):
+        bad = run(short(controller=replay(broken), trajectory=LINE))
+    good = run(short(controller=replay(sane), trajectory=LINE))
+    assert bad.status is not Status.COMPLETED
+    assert bad.message.startswith("step 7 of 13, depth")
+    assert good.status is Status.COMPLETED
+    for name, array in state_of(good).items():
+        np.testing.assert_array_equal(bad.series[name], array, err_msg=name)
+    np.testing.assert_array_equal(bad.series["tissue_m"][-1], good.series["tissue_m"][-1])
+
+
+def test_a_run_whose_first_step_fails_has_one_row() -> None:
+    deep = replay([[12.0, 20.0, -40.0, 1.0, 0.0, 0.0, 0.0]])
+    found = run(short(controller=deep, trajectory=LINE, solver={"max_iterations": 1}))
+    assert found.status is not Status.COMPLETED
+    assert len(found.series["t_s"]) == len(found.series["tissue_m"]) == 1
+    result = json.loads(json.dumps(found.result(), allow_nan=False))
+    assert result["metrics"]["rmse_mm"] is None
+    assert result["timing"]["plant"]["median_ms"] is None
+    assert result["solver"]["iterations_max"] == 0
+
+
+# ---- the result
+
+
+def test_the_result_has_every_key_and_is_strict_json(plain: Rollout, tmp_path: Path) -> None:
+    write(plain, tmp_path)
+
+    def refuse(word: str) -> Any:
+        raise AssertionError(f"{word} in result.json")
+
+    result = json.loads((tmp_path / "result.json").read_text(), parse_constant=refuse)
+    assert {"status", "metrics", "timing", "solver", "digest", "provenance"} <= result.keys()
+    assert result["status"] == "completed"
+    assert {"stable", "success", *MEASURED} <= result["metrics"].keys()
+    for part in ("plant", "jacobian", "command", "recording"):
+        assert result["timing"][part].keys() == {"median_ms", "p95_ms", "p99_ms", "max_ms"}
+        values = [result["timing"][part][name] for name in ("median_ms", "p95_ms", "p99_ms", "max_ms")]
+        assert values == sorted(values)
+    assert result["timing"]["realtime_factor"] > 0.0
+    assert result["solver"].keys() == {"iterations_mean", "iterations_max", "residual_max_n", "violation_max_m"}
+    assert result["digest"] == plain.digest
+    assert len(result["digest"]) == 64
+    assert {"scenario", "seed", "commit", "versions", "cpu", "threads"} <= result["provenance"].keys()
+    assert Scenario.load(result["provenance"]["scenario"]) == short()
+    with np.load(tmp_path / "series.npz", allow_pickle=False) as series:
+        assert digest(dict(series)) == plain.digest
+
+
+def test_metrics_are_those_of_the_series(plain: Rollout) -> None:
+    errors = np.linalg.norm(plain.series["tip_m"][1:] - plain.series["target_m"][:-1], axis=1) * 1e3
+    assert plain.metrics["rmse_mm"] == pytest.approx(math.sqrt((errors**2).mean()))
+    assert plain.metrics["limited_fraction"] == pytest.approx(plain.series["limited"][1:].mean())
+
+
+def test_warnings_of_the_scenario_are_in_the_result(plain: Rollout) -> None:
+    assert plain.result()["warnings"] == []
+    assert "interaction.friction" in run(short(interaction={"friction": 0.5})).result()["warnings"][0]
+
+
+def test_the_loop_has_one_thread(monkeypatch: pytest.MonkeyPatch) -> None:
+    from threadpoolctl import threadpool_info
+
+    seen: list[int] = []
+
+    class Counting(Watcher):
+        def step(self, record: StepRecord) -> None:
+            seen.extend(pool["num_threads"] for pool in threadpool_info() if pool["user_api"] == "blas")
+
+    monkeypatch.setattr(module, "compile_kernels", lambda: None, raising=False)
+    run(short(), Counting())
+    assert set(seen) == {1}
+
+
+# ---- any small scenario
+
+
+@settings(max_examples=50, deadline=None, suppress_health_check=list(HealthCheck))
+@given(small_runs())
+def test_any_small_run_ends_by_name_with_finite_rows_and_a_stable_digest(data: dict[str, Any]) -> None:
+    scenario = Scenario.load(data)
+    with np.errstate(over="ignore", invalid="ignore"):
+        found, again = run(scenario), run(scenario)
+    assert found.status in Status
+    assert (found.message == "") == (found.status is Status.COMPLETED)
+    done = len(found.series["t_s"]) - 1
+    assert done == scenario.steps if found.status is Status.COMPLETED else done < scenario.steps
+    for name, array in found.series.items():
+        assert np.isfinite(array).all(), name
+    assert found.series["min_det_f"].min() > 0.1
+    assert found.series["violation_m"].max() <= scenario.solver.violation_tolerance_mm * 1e-3
+    assert found.series["residual_n"].max() <= scenario.solver.force_tolerance_n
+    assert found.digest == again.digest
+    json.dumps(found.result(), allow_nan=False)

@@ -1,0 +1,232 @@
+"""The code's own imports, sizes and words, read with `ast`: what may depend on what, and how long a thing may be."""
+
+from __future__ import annotations
+
+import ast
+import re
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).resolve().parent.parent
+PACKAGES = ("simcore", "benchmarks", "service")
+SHIPPED = sorted(p for name in PACKAGES for p in (ROOT / name).rglob("*.py"))
+ALONE = [ROOT / name for name in ("needlebench.py", "bootstrap.py", "hatch_build.py") if (ROOT / name).exists()]
+TESTS = sorted((ROOT / "tests").rglob("*.py"))
+
+MAXIMUM_FILE_LINES = 400
+MAXIMUM_FUNCTION_LINES = 70
+
+# From the ground up: a module imports only from the rows above its own. A new module gets its place here.
+LAYERS = (
+    ("errors", "compiled"),
+    ("rotations", "trajectory", "validation"),
+    ("scenario", "mesh"),
+    ("presets", "parameters", "shaft", "spread", "beam"),
+    ("needle", "tissue"),
+    ("force_blocks", "channel", "contact_laws"),
+    ("coupling", "compliance"),
+    ("solver",),
+    ("insertion",),
+    ("linearisation", "robot", "records", "provenance"),
+    ("controllers", "metrics", "series"),
+    ("rollout",),
+    ("artefacts", "dataset"),
+)
+HEIGHT = {module: height for height, row in enumerate(LAYERS) for module in row}
+
+SIMCORE_NEEDS = {"numpy", "scipy", "numba", "pydantic", "pydantic_core", "threadpoolctl", "platformdirs", "meshio"}
+BENCHMARKS_NEED = {*SIMCORE_NEEDS, "simcore", "benchmarks"}
+NETWORK = {"http", "socket", "socketserver", "urllib", "ssl", "asyncio", "sqlite3", "ftplib", "smtplib"}
+RERUN_FILES = {"recording", "blueprint", "viewer", "columns"}
+
+
+def module_of(path: Path) -> str:
+    """simcore/controllers/ifem.py -> simcore.controllers.ifem."""
+    return ".".join(path.relative_to(ROOT).with_suffix("").parts).removesuffix(".__init__")
+
+
+def tree_of(path: Path) -> ast.Module:
+    return ast.parse(path.read_text(encoding="utf-8"), str(path))
+
+
+def imports(path: Path) -> Iterator[tuple[str, int]]:
+    """Every imported module with its line, those inside functions too; not those for the type checker alone."""
+
+    def visit(node: ast.AST) -> Iterator[tuple[str, int]]:
+        if isinstance(node, ast.If) and "TYPE_CHECKING" in ast.unparse(node.test):
+            for other in node.orelse:
+                yield from visit(other)
+        elif isinstance(node, ast.Import):
+            yield from ((alias.name, node.lineno) for alias in node.names)
+        elif isinstance(node, ast.ImportFrom):
+            yield from from_imports(node, path)
+        else:
+            for child in ast.iter_child_nodes(node):
+                yield from visit(child)
+
+    return visit(tree_of(path))
+
+
+def from_imports(node: ast.ImportFrom, path: Path) -> Iterator[tuple[str, int]]:
+    """`from simcore import tissue` names a module, `from simcore.tissue import Tissue` one, too."""
+    base = node.module or ""
+    if node.level:
+        parents = path.relative_to(ROOT).parts[: -node.level]
+        base = ".".join([*parents, *([base] if base else [])])
+    folder = ROOT.joinpath(*base.split("."))
+    for alias in node.names:
+        inner = (folder / f"{alias.name}.py").exists() or (folder / alias.name / "__init__.py").exists()
+        yield (f"{base}.{alias.name}" if inner else base), node.lineno
+
+
+def offences(paths: list[Path], allowed: object) -> list[str]:
+    """`file:line imports module` for every import that `allowed(path, module)` refuses."""
+    assert callable(allowed)
+    return [
+        f"{path.relative_to(ROOT)}:{line} imports {name}"
+        for path in paths
+        for name, line in imports(path)
+        if not allowed(path, name)
+    ]
+
+
+def of(package: str) -> list[Path]:
+    return [path for path in SHIPPED if path.is_relative_to(ROOT / package)]
+
+
+def top(name: str) -> str:
+    return name.split(".", maxsplit=1)[0]
+
+
+# ---- what may import what
+
+
+def test_simcore_needs_numbers_only() -> None:
+    """No service, no Rerun, no HTTP, no database: the physics runs wherever its arrays do."""
+    known = SIMCORE_NEEDS | {"simcore"} | (sys.stdlib_module_names - NETWORK)
+    assert not offences(of("simcore"), lambda _, name: top(name) in known)
+
+
+def test_benchmarks_need_simcore_only() -> None:
+    known = BENCHMARKS_NEED | (sys.stdlib_module_names - NETWORK)
+    assert not offences(of("benchmarks"), lambda _, name: top(name) in known)
+
+
+def test_rerun_is_imported_by_the_recording_side_alone() -> None:
+    others = [path for path in [*SHIPPED, *ALONE] if not (path.parent.name == "service" and path.stem in RERUN_FILES)]
+    assert not offences(others, lambda _, name: top(name) != "rerun")
+
+
+def test_nothing_imports_tests_or_the_facade_from_below() -> None:
+    assert not offences(SHIPPED, lambda _, name: top(name) not in ("tests", "needlebench", "bootstrap", "hatch_build"))
+
+
+def layer_of(module: str) -> str:
+    """simcore.controllers.ifem -> controllers."""
+    return module.split(".")[1]
+
+
+def test_every_module_of_simcore_has_its_layer() -> None:
+    present = {layer_of(module_of(path)) for path in of("simcore") if module_of(path) != "simcore"}
+    assert present <= HEIGHT.keys(), f"give these a place in LAYERS: {sorted(present - HEIGHT.keys())}"
+    assert len(HEIGHT) == sum(map(len, LAYERS))
+
+
+def test_lower_modules_never_import_higher_ones() -> None:
+    def allowed(path: Path, name: str) -> bool:
+        if top(name) != "simcore":
+            return True
+        if "." not in name:
+            return False  # the package itself holds nothing
+        here, there = layer_of(module_of(path)), layer_of(name)
+        return here == there or HEIGHT[there] < HEIGHT[here]
+
+    assert not offences([path for path in of("simcore") if module_of(path) != "simcore"], allowed)
+
+
+@pytest.mark.parametrize(
+    ("module", "never"),
+    [
+        ("insertion", {"controllers", "rollout", "metrics", "trajectory"}),
+        ("scenario", {"tissue", "needle", "insertion", "solver", "rollout", "numba"}),
+        ("metrics", {"insertion", "rollout", "controllers", "solver"}),
+        ("robot", {"controllers", "solver", "tissue"}),
+    ],
+)
+def test_pairs_that_must_stay_apart(module: str, never: set[str]) -> None:
+    found = {name.removeprefix("simcore.").split(".")[0] for name, _ in imports(ROOT / "simcore" / f"{module}.py")}
+    assert not found & never
+
+
+@pytest.mark.parametrize("folder", ["simcore", "simcore/controllers", "benchmarks", "service"])
+def test_modules_do_not_import_in_circles(folder: str) -> None:
+    """Imports at the top of modules; one inside a function is the way out of a circle within a layer."""
+    graph: dict[str, set[str]] = {}
+    for path in of(top(folder.replace("/", "."))):
+        wanted = {node.lineno for node in tree_of(path).body if isinstance(node, ast.Import | ast.ImportFrom)}
+        graph[module_of(path)] = {name for name, line in imports(path) if line in wanted}
+
+    def reach(start: str, seen: set[str]) -> bool:
+        for name in graph.get(start, set()):
+            if name == target:
+                return True
+            if name not in seen:
+                seen.add(name)
+                if reach(name, seen):
+                    return True
+        return False
+
+    for target in graph:
+        if Path(*target.split(".")).parent == Path(folder) and not (ROOT.joinpath(*target.split("."))).is_dir():
+            assert not reach(target, set()), f"{target} imports itself, by way of others"
+
+
+# ---- sizes and words
+
+
+def test_no_file_is_too_long() -> None:
+    lengths = {str(p.relative_to(ROOT)): len(p.read_text("utf-8").splitlines()) for p in [*SHIPPED, *ALONE]}
+    assert not {name: lines for name, lines in lengths.items() if lines > MAXIMUM_FILE_LINES}
+
+
+def test_no_function_is_too_long() -> None:
+    found = {}
+    for path in [*SHIPPED, *ALONE, *TESTS]:
+        for node in ast.walk(tree_of(path)):
+            if isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef):
+                assert node.end_lineno is not None
+                name = f"{path.relative_to(ROOT)}:{node.lineno} {node.name}"
+                found[name] = node.end_lineno - node.body[0].lineno + 1  # a wrapped signature is no length
+    assert not {name: lines for name, lines in found.items() if lines > MAXIMUM_FUNCTION_LINES}
+
+
+def test_every_module_says_what_it_is() -> None:
+    full = [path for path in [*SHIPPED, *ALONE] if path.read_text("utf-8").strip()]
+    assert not [str(path.relative_to(ROOT)) for path in full if not ast.get_docstring(tree_of(path))]
+
+
+def lines_matching(pattern: str, paths: list[Path]) -> list[str]:
+    return [
+        f"{path.relative_to(ROOT)}:{number} {line.strip()[:80]}"
+        for path in paths
+        for number, line in enumerate(path.read_text("utf-8").splitlines(), start=1)
+        if re.search(pattern, line)
+    ]
+
+
+def test_no_loose_ends() -> None:
+    words = ("TO" + "DO", "FIX" + "ME", "XX" + "X", "HA" + "CK")
+    assert not lines_matching(rf"\b({'|'.join(words)})\b", [*SHIPPED, *ALONE, *TESTS])
+
+
+def test_no_paths_of_one_machine() -> None:
+    folders = ("work", "home", "Users", "root", "mnt")
+    texts = [p for pattern in ("*.md", "*.toml", "*.cff", "Makefile") for p in ROOT.glob(pattern)]
+    assert not lines_matching(rf"(?<![\w.\-}}])/({'|'.join(folders)})/\w", [*SHIPPED, *ALONE, *TESTS, *texts])
+
+
+def test_no_module_of_utilities() -> None:
+    assert not [str(path) for path in SHIPPED if path.stem in ("utils", "util", "helpers", "common", "misc")]
