@@ -10,6 +10,7 @@ from hypothesis.extra.numpy import arrays
 
 from simcore.mesh import BoxMesh, box_mesh, locate
 from simcore.scenario import Tissue
+from tests.verification import verify
 
 SIZE_M = np.array([0.036, 0.062, 0.122])
 counts = st.integers(1, 5)
@@ -41,13 +42,12 @@ def located(mesh: BoxMesh, point: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     return nodes, weights
 
 
-@pytest.mark.parametrize(
-    ("edge_mm", "nodes"), [(10.0, 455), (7.5, 918), (6.0, 1617), (5.0, 2600), (4.0, 5270)]
-)
+@pytest.mark.parametrize(("edge_mm", "nodes"), [(10.0, 455), (7.5, 918), (6.0, 1617), (5.0, 2600), (4.0, 5270)])
 def test_node_counts_of_the_papers_block(edge_mm: float, nodes: int) -> None:
     """PHYSICS section 1: cells = round(size / h)."""
     mesh = box_mesh(SIZE_M, Tissue(element_size_mm=edge_mm).cells)
-    assert len(mesh.nodes_m) == nodes
+    text, source = f"nodes of the paper's block at h = {edge_mm:g} mm", "PHYSICS section 1"
+    verify("tissue", text, expected=nodes, measured=len(mesh.nodes_m), tolerance=0, source=source)
     assert len(mesh.tets) == 6 * np.prod(mesh.cells)
 
 
