@@ -85,7 +85,7 @@ def ball_matrix(c: Coupled, elements: Indices) -> Any:
 
 
 def linearise_exactly(insertion: Insertion, state: InsertionState) -> Linearisation:
-    """Differentiate the step that led to `state`, the one that was solved last. Raises ModelFailure without convergence."""
+    """Differentiate the step that led to `state`, the one solved last. Raises ModelFailure without convergence."""
     c = insertion.solved(state)
     tangent = constraint_tangent(c)
     moves = needle_response(c, tangent)
