@@ -17,7 +17,8 @@ def gmres(
 ) -> tuple[Vector, Vector]:
     """Solutions (k, n) of times(u) = right (k, n), and the norms (k,) of their residuals.
 
-    Stops when no norm exceeds its `allowed` (k,), or after `max_iterations` sweeps: the caller looks at the norms.
+    Stops when no norm exceeds its `allowed` (k,), or after `max_iterations` sweeps: the caller looks at the norms. They
+    are infinite if `times` gave no number.
     """
     count = len(right)
     size = np.linalg.norm(right, axis=1)
@@ -34,6 +35,8 @@ def gmres(
             hessenberg[:, i, j] = share
             vector = vector - share[:, None] * direction
         after = np.linalg.norm(vector, axis=1)
+        if not np.isfinite(after).all():
+            return np.zeros_like(right), np.full(count, np.inf)
         after[after <= BREAKDOWN * before] = 0.0
         hessenberg[:, j + 1, j] = after
         basis.append(vector / np.where(after > 0.0, after, np.inf)[:, None])

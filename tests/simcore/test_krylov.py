@@ -33,3 +33,9 @@ def test_a_zero_side_and_an_exhausted_space_do_no_harm() -> None:
     assert not solution[0].any()
     assert np.abs(solution[1] - vectors[:, 0] / values[0]).max() < 1e-12
     assert (rest <= 1e-9).all()
+
+
+def test_no_number_is_an_infinite_residual() -> None:
+    solution, rest = gmres(lambda v: v * np.nan, RIGHT, allowed=np.full(3, 1e-9), max_iterations=4)
+    assert not solution.any()
+    assert np.isinf(rest).all()
