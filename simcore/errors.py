@@ -42,3 +42,11 @@ class Status(StrEnum):
     NOT_FINITE = "not_finite"  # NaN or infinity in the state
     NOT_POSITIVE_DEFINITE = "not_positive_definite"  # the stiffness could not be factored
     CHANNEL_LEFT = "channel_left"  # a re-entering tip missed the channel that it had cut
+
+
+class ModelFailure(NeedlebenchError):
+    """What a controller computes from its model failed numerically; the loop ends the run with this status."""
+
+    def __init__(self, status: Status, message: str) -> None:
+        self.status, self.message = status, message
+        super().__init__(f"{status}: {message}")

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from copy import copy
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -20,7 +21,7 @@ from simcore.errors import Status
 from simcore.mesh import locate
 from simcore.needle import NeedleModel, increments, straight
 from simcore.rotations import exp_map
-from simcore.scenario import Scenario
+from simcore.scenario import Scenario, Solver
 from simcore.solver import Bodies, Coupled, StepReport
 from simcore.tissue import TissueModel
 
@@ -94,7 +95,9 @@ class Insertion:
         bodies = Bodies(rest.copy(), np.zeros_like(rest), x, R, np.zeros((len(x), 6)))
         channel = Channel.at_surface(self.channel_model, self.entry_m, self.needle.length_m)
         _, report = self.coupled.solve(bodies, channel, base.position_m, base.rotation)
-        return InsertionState(bodies, channel, np.zeros(6), 0.0, np.zeros((0, 3)), np.zeros((0, 3)), report)
+        nothing = np.zeros((0, 3))
+        self._last = InsertionState(bodies, channel, np.zeros(6), 0.0, nothing, nothing, report)
+        return self._last
 
     def step(self, state: InsertionState, base: Pose) -> InsertionState:
         """The state after the base has moved to `base`; `report.status` says whether it may be used.
@@ -108,8 +111,9 @@ class Insertion:
             puncture(channel, self.channel_model)
             bodies, report = self._solve(state, channel, base)
         if report.status is Status.COMPLETED:
+            channel = channel.copy()  # the solved problem keeps the channel that it was solved with
             report = self._settle(channel, bodies, report)
-        return InsertionState(
+        self._last = InsertionState(
             bodies,
             channel,
             self.coupled.base_wrench(),
@@ -118,6 +122,22 @@ class Insertion:
             self.coupled.force,
             report,
         )
+        return self._last
+
+    def twin(self, solver: Solver) -> Insertion:
+        """The same model with work arrays of its own and another solver tolerance: steps of it leave this one alone."""
+        twin = copy(self)
+        twin.scenario = self.scenario.model_copy(update={"solver": solver})
+        twin.coupled = Coupled(
+            self.tissue, self.needle, self.channel_model, self.scenario.interaction, solver, self.scenario.dt_s
+        )
+        return twin
+
+    def solved(self, state: InsertionState) -> Coupled:
+        """The coupled problem as it was solved for `state`, to linearise it. Only the last step is at hand."""
+        if self._last is not state:
+            raise ValueError("only the step that was solved last can be linearised")
+        return self.coupled
 
     def carried(self, state: InsertionState, rest_m: Vector) -> Vector:
         """(3,) m, world: where the tissue point at `rest_m` is now, by the shape functions of its tetrahedron."""

@@ -49,8 +49,8 @@ def lateral_offset(insertion: Insertion, state: InsertionState, point_m: Vector)
 
 
 def linearise(insertion: Insertion, state: InsertionState) -> Linearisation:
-    """Differentiate the step that led to `state`; call it right after that step."""
-    c, n = insertion.coupled, insertion.needle
+    """Differentiate the step that led to `state`, the one that was solved last."""
+    c, n = insertion.solved(state), insertion.needle
     w, per_force = c.linear_response()
     spin = np.eye(6)
     free = np.zeros((n.elements, 6, 6))

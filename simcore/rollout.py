@@ -14,9 +14,10 @@ from numpy.typing import NDArray
 from threadpoolctl import threadpool_limits
 
 from simcore.controllers import Observation, make_controller
-from simcore.errors import Status
+from simcore.controllers.model import make_model
+from simcore.errors import ModelFailure, Status
 from simcore.insertion import Insertion, Pose
-from simcore.linearisation import Linearisation, lateral_offset, linearise
+from simcore.linearisation import Linearisation, lateral_offset
 from simcore.metrics import metrics
 from simcore.provenance import provenance
 from simcore.records import Observer, Scene, Silent, StepRecord, StepTiming, sealed
@@ -124,13 +125,14 @@ class _Loop:
             dt_s=scenario.dt_s,
             steps=self.steps,
         )
-        self.state = self.insertion.initial_state(self.path.first_tangent())
+        self.before = self.state = self.insertion.initial_state(self.path.first_tangent())
+        self.model = make_model(scenario, self.insertion, lambda: (self.before, self.state))
         self.jacobian_s = 0.0
         self.controller = make_controller(
             scenario,
             entry_m=self.insertion.entry_m,
             needle_length_m=self.insertion.needle.length_m,
-            plant=self._timed_linearisation,
+            model=self._timed_model if self.model else None,
         )
 
     def run(self) -> Rollout:
@@ -157,7 +159,11 @@ class _Loop:
         target = self._target(step)
         observation = Observation(step, self.state.base, self.state.tip_m.copy(), target + self.noise_m[step])
         self.jacobian_s, started = 0.0, self.clock()
-        command = self.controller.command(observation)
+        where = f"step {step + 1} of {self.steps}, depth {self.state.inserted_m * 1e3:.1f} mm"
+        try:
+            command = self.controller.command(observation)
+        except ModelFailure as failure:
+            return None, failure.status, f"{where}: the controller's model: {failure.message}"
         command_s = self.clock() - started - self.jacobian_s
         base, limited = command, False
         if self.controller.limited:
@@ -167,15 +173,15 @@ class _Loop:
         plant_s = self.clock() - started
         report = state.report
         if report.status is not Status.COMPLETED:
-            where = f"step {step + 1} of {self.steps}, depth {self.state.inserted_m * 1e3:.1f} mm"
             return None, report.status, f"{where}: {report.message}"
-        self.state = state
+        self.before, self.state = self.state, state
         timing = StepTiming(plant_s, self.jacobian_s, command_s)
         return self._record(step + 1, command, limited, timing), report.status, ""
 
-    def _timed_linearisation(self) -> Linearisation:
+    def _timed_model(self, observation: Observation) -> Linearisation:
+        assert self.model is not None
         started = self.clock()
-        response = linearise(self.insertion, self.state)
+        response = self.model(observation)
         self.jacobian_s = self.clock() - started
         return response
 

@@ -148,6 +148,32 @@ class Robot(Block):
     max_turn_deg_s: Number = bounded(30.0, 0.1, 3600.0, "rotation [ours]")
 
 
+class SharedModel(Block):
+    """The model that is linearised is the plant itself [paper]."""
+
+    kind: Literal["shared"] = "shared"
+
+
+class SeparateModel(Block):
+    """The controller steps an insertion of its own with the executed base poses; all else is as in the plant."""
+
+    kind: Literal["separate"] = "separate"
+    young_kpa: Number = bounded(6.3, 0.1, 1000.0, "Young's modulus of the model [paper]")
+    poisson: Number = bounded(0.4, 0.0, 0.49, "Poisson's ratio of the model [paper]")
+    element_size_mm: Number = bounded(6.0, 1.0, 50.0, "edge of a cell of the model's mesh [ours]")
+    friction: Number = bounded(0.1, 0.0, 1.0, "Coulomb coefficient of the model; above 0.3 with a warning [ours]")
+    spacing_mm: Number | None = Field(
+        default=None,
+        ge=MINIMUM_SPACING_MM,
+        le=50.0,
+        description="rest distance of the model's constraint points; its element size to 50, at least 5; "
+        "default the larger of interaction.spacing_mm and its element size [ours]",
+    )
+
+
+IfemModel = Annotated[SharedModel | SeparateModel, Field(discriminator="kind")]
+
+
 class InverseFem(Block):
     """Inverse finite element controller: T = X - J^+ (k o e), objectives tip and remote centre of motion [paper]."""
 
@@ -158,6 +184,27 @@ class InverseFem(Block):
     lever_arm_mm: Number = bounded(
         100.0, 1.0, 1000.0, "length that makes rotations comparable with translations [ours]"
     )
+    jacobian: Literal["constraint", "perturbation"] = Field(
+        default="constraint",
+        description="constraint = implicit differentiation of the converged step [cited], "
+        "perturbation = one re-solve of the last step per end-effector dof [cited]",
+    )
+    derivative: Literal["fast", "exact"] = Field(
+        default="fast",
+        description="form of the constraint Jacobian; fast drops slopes of frames and of the tissue's stiffness [ours]",
+    )
+    perturbation_mm: Number = bounded(
+        0.05, 0.05, 1.0, "move of each dof for the perturbation Jacobian; rotations by the lever arm [ours]"
+    )
+    model: IfemModel = SharedModel()
+
+    @model_validator(mode="before")
+    @classmethod
+    def _default_kind(cls, data: Any) -> Any:
+        """A model without a kind is the shared one."""
+        if isinstance(data, dict) and isinstance(data.get("model"), dict):
+            return {**data, "model": {"kind": "shared", **data["model"]}}
+        return data
 
 
 class Replay(Block):
@@ -245,11 +292,15 @@ class Scenario(Block):
         if self.interaction.spacing_mm is None:
             spacing = max(MINIMUM_SPACING_MM, self.tissue.element_size_mm)
             object.__setattr__(self, "interaction", self.interaction.model_copy(update={"spacing_mm": spacing}))
+        if isinstance(self.controller, InverseFem) and isinstance(self.controller.model, SeparateModel):
+            controller = self.controller.model_copy(update={"model": _with_spacing(self.controller.model, self)})
+            object.__setattr__(self, "controller", controller)
         problems = [
             *_needle_problems(self),
             *_tissue_problems(self),
             *_path_problems(self),
             *_pose_problems(self),
+            *_model_problems(self),
         ]
         if problems:
             raise ScenarioError(problems)
@@ -287,11 +338,14 @@ class Scenario(Block):
 
     def warnings(self) -> list[str]:
         """What is allowed but unusual."""
-        if self.interaction.friction > 0.3:
-            return [
-                f"interaction.friction = {self.interaction.friction}: above 0.3 the friction law is far from associated"
-            ]
-        return []
+        frictions = {"interaction.friction": self.interaction.friction}
+        if isinstance(self.controller, InverseFem) and isinstance(self.controller.model, SeparateModel):
+            frictions["controller.model.friction"] = self.controller.model.friction
+        return [
+            f"{field} = {value}: above 0.3 the friction law is far from associated"
+            for field, value in frictions.items()
+            if value > 0.3
+        ]
 
 
 def _needle_problems(s: Scenario) -> list[Problem]:
@@ -380,3 +434,24 @@ def _pose_problems(s: Scenario) -> list[Problem]:
         if max(abs(c) for c in pose[:3]) > 10_000.0:
             return [Problem(f"controller.poses[{i}]", list(pose), "must lie within +-10000 mm")]
     return []
+
+
+def _with_spacing(model: SeparateModel, s: Scenario) -> SeparateModel:
+    if model.spacing_mm is not None:
+        return model
+    assert s.interaction.spacing_mm is not None
+    return model.model_copy(update={"spacing_mm": max(s.interaction.spacing_mm, model.element_size_mm)})
+
+
+def _model_problems(s: Scenario) -> list[Problem]:
+    if not isinstance(s.controller, InverseFem) or not isinstance(s.controller.model, SeparateModel):
+        return []
+    model, problems = s.controller.model, []
+    if model.spacing_mm is not None and model.spacing_mm < model.element_size_mm:
+        allowed = f"must be at least controller.model.element_size_mm = {model.element_size_mm:g}: closer rows lock"
+        problems.append(Problem("controller.model.spacing_mm", model.spacing_mm, allowed))
+    cells = math.prod(s.tissue.model_copy(update={"element_size_mm": model.element_size_mm}).cells)
+    if cells > MAXIMUM_CELLS:
+        allowed = f"gives {cells} cells, at most {MAXIMUM_CELLS} are allowed"
+        problems.append(Problem("controller.model.element_size_mm", model.element_size_mm, allowed))
+    return problems

@@ -15,7 +15,6 @@ from simcore.linearisation import Linearisation
 from simcore.scenario import Scenario
 
 Vector = NDArray[np.float64]
-Plant = Callable[[], Linearisation]
 
 
 @dataclass(frozen=True)
@@ -28,6 +27,9 @@ class Observation:
     target_m: Vector  # (3,) with noise
 
 
+Model = Callable[[Observation], Linearisation]  # linearised about the step that led to the observation
+
+
 class Controller(Protocol):
     """Answers an observation with the commanded pose T of the base, before the robot's limits."""
 
@@ -37,8 +39,8 @@ class Controller(Protocol):
         """T for this step."""
 
 
-def make_controller(scenario: Scenario, *, entry_m: Vector, needle_length_m: float, plant: Plant) -> Controller:
-    """The controller of a scenario. `plant` linearises the last step; only controllers in shared mode ask it."""
+def make_controller(scenario: Scenario, *, entry_m: Vector, needle_length_m: float, model: Model | None) -> Controller:
+    """The controller of a scenario. model: from `make_model`; only I-FEM asks it."""
     from simcore.controllers.ifem import InverseFemController
     from simcore.controllers.open_loop import OpenLoopController
     from simcore.controllers.replay import ReplayController
@@ -46,7 +48,8 @@ def make_controller(scenario: Scenario, *, entry_m: Vector, needle_length_m: flo
 
     block = scenario.controller
     if isinstance(block, InverseFem):
-        return InverseFemController(block, plant)
+        assert model is not None
+        return InverseFemController(block, model)
     if isinstance(block, OpenLoop):
         return OpenLoopController(scenario, entry_m, needle_length_m)
     if isinstance(block, Replay):

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from simcore.controllers.base import Observation, Plant
+from simcore.controllers.base import Model, Observation
 from simcore.insertion import Pose
 from simcore.linearisation import Linearisation
 from simcore.rotations import exp_map
@@ -15,17 +15,17 @@ Vector = NDArray[np.float64]
 
 
 class InverseFemController:
-    """Shared mode, as in the paper: the model that is linearised is the plant itself."""
+    """Asks its model, the plant itself or one of its own, for the Jacobian; the tip error is always an observed one."""
 
     limited = True
 
-    def __init__(self, settings: InverseFem, plant: Plant) -> None:
+    def __init__(self, settings: InverseFem, model: Model) -> None:
         self.settings = settings
-        self.plant = plant
+        self.model = model
 
     def command(self, observation: Observation) -> Pose:
         """One damped Newton step on the objectives; rotations count with the lever arm."""
-        response = self.plant()
+        response = self.model(observation)
         jacobian, error = objectives(response, observation.target_m - observation.tip_m, self.settings)
         lever = self.settings.lever_arm_mm * 1e-3
         scaled = jacobian / np.array([1.0, 1.0, 1.0, lever, lever, lever])

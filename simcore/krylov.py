@@ -1,0 +1,56 @@
+"""GMRES (Saad and Schultz 1986) for several right-hand sides: each has its own Krylov space, all share a sweep."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+from numpy.typing import NDArray
+
+Vector = NDArray[np.float64]
+
+BREAKDOWN = 1e-13  # a new direction smaller than this, relative to the vector it came from, is rounding
+
+
+def gmres(
+    times: Callable[[Vector], Vector], right: Vector, *, allowed: Vector, max_iterations: int
+) -> tuple[Vector, Vector]:
+    """Solutions (k, n) of times(u) = right (k, n), and the norms (k,) of their residuals.
+
+    Stops when no norm exceeds its `allowed` (k,), or after `max_iterations` sweeps: the caller looks at the norms. They
+    are infinite if `times` gave no number.
+    """
+    count = len(right)
+    size = np.linalg.norm(right, axis=1)
+    basis = [right / np.where(size > 0.0, size, 1.0)[:, None]]
+    hessenberg = np.zeros((count, max_iterations + 1, max_iterations))
+    weights, rest = np.zeros((count, 0)), size
+    for j in range(max_iterations):
+        if (rest <= allowed).all():
+            break
+        vector = times(basis[j])
+        before = np.linalg.norm(vector, axis=1)
+        for i, direction in enumerate(basis):
+            share = np.einsum("kn,kn->k", vector, direction)
+            hessenberg[:, i, j] = share
+            vector = vector - share[:, None] * direction
+        after = np.linalg.norm(vector, axis=1)
+        if not np.isfinite(after).all():
+            return np.zeros_like(right), np.full(count, np.inf)
+        after[after <= BREAKDOWN * before] = 0.0
+        hessenberg[:, j + 1, j] = after
+        basis.append(vector / np.where(after > 0.0, after, np.inf)[:, None])
+        weights, rest = _least_squares(hessenberg[:, : j + 2, : j + 1], size)
+    solution = np.zeros_like(right)
+    for i in range(weights.shape[1]):
+        solution += weights[:, i, None] * basis[i]
+    return solution, rest
+
+
+def _least_squares(hessenberg: Vector, size: Vector) -> tuple[Vector, Vector]:
+    """Weights (k, j) of the basis that minimise each residual, and its norm (k,)."""
+    goal = np.zeros(hessenberg.shape[:2])
+    goal[:, 0] = size
+    weights = np.stack([np.linalg.lstsq(h, g)[0] for h, g in zip(hessenberg, goal, strict=True)])
+    rest = goal - np.einsum("kij,kj->ki", hessenberg, weights)
+    return weights, np.linalg.norm(rest, axis=1)
