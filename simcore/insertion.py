@@ -18,6 +18,7 @@ from simcore.channel import (
 )
 from simcore.errors import Status
 from simcore.mesh import locate
+from simcore.motion import BreathingMotion
 from simcore.needle import NeedleModel, increments, straight
 from simcore.rotations import exp_map
 from simcore.scenario import Scenario
@@ -48,6 +49,7 @@ class InsertionState:
     points_m: Vector  # (a, 3) active constraint points
     point_forces_n: Vector  # (a, 3) of the needle on the tissue
     report: StepReport
+    steps: int = 0  # since the start: the held nodes are where the motion has them at steps * dt
 
     @property
     def base(self) -> Pose:
@@ -79,6 +81,7 @@ class Insertion:
         self.coupled = Coupled(
             self.tissue, self.needle, self.channel_model, interaction, scenario.solver, scenario.dt_s
         )
+        self.motion = BreathingMotion.from_scenario(scenario.motion)
         self.entry_m = np.array(scenario.trajectory.entry_mm) * 1e-3
 
     def initial_base(self, tangent: Vector) -> Pose:
@@ -117,6 +120,7 @@ class Insertion:
             self.coupled.points,
             self.coupled.force,
             report,
+            state.steps + 1,
         )
 
     def carried(self, state: InsertionState, rest_m: Vector) -> Vector:
@@ -128,7 +132,8 @@ class Insertion:
         return moved
 
     def _solve(self, state: InsertionState, channel: Channel, base: Pose) -> tuple[Bodies, StepReport]:
-        bodies, report = self.coupled.solve(state.bodies, channel, base.position_m, base.rotation)
+        shift = self.motion.shift_m((state.steps + 1) * self.scenario.dt_s) if self.motion else None
+        bodies, report = self.coupled.solve(state.bodies, channel, base.position_m, base.rotation, shift)
         bodies.v = (bodies.x - state.bodies.x) / self.scenario.dt_s
         old = state.bodies
         bodies.needle_move = increments(old.needle_x, old.needle_R, bodies.needle_x, bodies.needle_R)

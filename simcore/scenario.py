@@ -141,6 +141,24 @@ class SineTrajectory(StraightTrajectory):
         )
 
 
+class Still(Block):
+    """The held nodes stay where they are."""
+
+    kind: Literal["none"] = Field(default="none", description="none or breathing")
+
+
+class Breathing(Block):
+    """The held nodes move by amplitude (1 - cos(2 pi t / period)) along the direction: from rest to twice the
+    amplitude and back."""
+
+    kind: Literal["breathing"] = Field(default="breathing", description="none or breathing")
+    amplitude_mm: Number = bounded(6.0, 0.0, 50.0, "half of the peak-to-peak excursion [cited: 12 mm peak to peak]")
+    period_s: Number = bounded(4.0, 0.5, 60.0, "time of one breath [cited: 0.25 Hz]")
+    direction: tuple[Component, Component, Component] = Field(
+        default=(0.0, 0.0, 1.0), description="world vector of any length but 0; each -1000 to 1000 [ours]"
+    )
+
+
 class Robot(Block):
     """Speed limits of the end-effector; a limited command is scaled by one factor for the whole twist."""
 
@@ -203,6 +221,7 @@ class Recording(Block):
 
 
 Trajectory = Annotated[StraightTrajectory | SineTrajectory, Field(discriminator="kind")]
+Motion = Annotated[Still | Breathing, Field(discriminator="kind")]
 Controller = Annotated[InverseFem | Replay | OpenLoop, Field(discriminator="kind")]
 Name = Annotated[str, StringConstraints(min_length=1, max_length=100, pattern=r"^[\w .,:+()/-]+$")]
 
@@ -225,6 +244,7 @@ class Scenario(Block):
     needle: Needle = Field(default=Needle(), description="the flexible tube that the robot holds")
     interaction: Interaction = Field(default=Interaction(), description="forces between needle and tissue")
     trajectory: Trajectory = Field(default=StraightTrajectory(), description="what the tip is asked to follow")
+    motion: Motion = Field(default=Still(), description="how the held nodes of the tissue move")
     robot: Robot = Field(default=Robot(), description="speed limits of the needle's base")
     controller: Controller = Field(default=InverseFem(), description="what steers the base")
     solver: Solver = Field(default=Solver(), description="when a step counts as converged")
@@ -236,7 +256,7 @@ class Scenario(Block):
         """A block without a kind is of the default kind."""
         if not isinstance(data, dict):
             return data
-        kinds = {"trajectory": "line", "controller": "ifem"}
+        kinds = {"trajectory": "line", "controller": "ifem", "motion": "none"}
         absent = {k: v for k, v in kinds.items() if isinstance(data.get(k), dict) and "kind" not in data[k]}
         return {**data, **{block: {"kind": kind, **data[block]} for block, kind in absent.items()}}
 
@@ -249,6 +269,7 @@ class Scenario(Block):
             *_needle_problems(self),
             *_tissue_problems(self),
             *_path_problems(self),
+            *_motion_problems(self),
             *_pose_problems(self),
         ]
         if problems:
@@ -362,6 +383,13 @@ def _step_problems(s: Scenario) -> list[Problem]:
     if s.steps <= MAXIMUM_STEPS:
         return []
     return [Problem("dt_s", s.dt_s, f"gives {s.steps} steps, at most {MAXIMUM_STEPS} are allowed")]
+
+
+def _motion_problems(s: Scenario) -> list[Problem]:
+    motion = s.motion
+    if isinstance(motion, Breathing) and math.hypot(*motion.direction) < 1e-6:
+        return [Problem("motion.direction", list(motion.direction), "must be a vector at least 1e-6 long")]
+    return []
 
 
 def _pose_problems(s: Scenario) -> list[Problem]:
