@@ -17,7 +17,6 @@ from simcore.channel import (
     slide_contact,
 )
 from simcore.errors import Status
-from simcore.mesh import locate
 from simcore.motion import BreathingMotion
 from simcore.needle import NeedleModel, increments, straight
 from simcore.rotations import exp_map
@@ -70,6 +69,7 @@ class Insertion:
         self.scenario = scenario
         self.tissue = TissueModel.from_scenario(scenario.tissue)
         self.needle = NeedleModel.from_scenario(scenario.needle)
+        self.entry_m = np.array(scenario.trajectory.entry_mm) * 1e-3
         interaction = scenario.interaction
         assert interaction.spacing_mm is not None
         self.channel_model = ChannelModel.of(
@@ -77,12 +77,12 @@ class Insertion:
             spread_m=interaction.spread_mm * 1e-3,
             longest_m=self.needle.length_m,
             mesh=self.tissue.mesh,
+            entry_m=self.entry_m,
         )
         self.coupled = Coupled(
             self.tissue, self.needle, self.channel_model, interaction, scenario.solver, scenario.dt_s
         )
         self.motion = BreathingMotion.from_scenario(scenario.motion)
-        self.entry_m = np.array(scenario.trajectory.entry_mm) * 1e-3
 
     def initial_base(self, tangent: Vector) -> Pose:
         """Base pose of the straight needle that waits along `tangent` (3,), unit, with its tip at the entry."""
@@ -125,10 +125,8 @@ class Insertion:
 
     def carried(self, state: InsertionState, rest_m: Vector) -> Vector:
         """(3,) m, world: where the tissue point at `rest_m` is now, by the shape functions of its tetrahedron."""
-        mesh = self.tissue.mesh
-        nodes, weights = np.empty(4, np.int64), np.empty(4)
-        locate(rest_m, mesh.size_m, self.channel_model.cells, nodes, weights)
-        moved: Vector = rest_m + weights @ (state.bodies.x[nodes] - mesh.nodes_m[nodes])
+        nodes, weights = self.tissue.mesh.locate(rest_m)
+        moved: Vector = rest_m + weights @ (state.bodies.x[nodes] - self.tissue.mesh.nodes_m[nodes])
         return moved
 
     def _solve(self, state: InsertionState, channel: Channel, base: Pose) -> tuple[Bodies, StepReport]:

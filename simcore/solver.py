@@ -21,6 +21,7 @@ from simcore.compliance import Compliance, NotPositiveDefinite
 from simcore.contact_laws import law_residual, solve_laws, staircases
 from simcore.coupling import (
     constraint_geometry,
+    frame_along,
     local_compliance,
     moved_shaft,
     needle_residual,
@@ -98,6 +99,8 @@ class Coupled:
         self.diag, self.upper = np.zeros((m + 1, 6, 6)), np.zeros((m, 6, 6))
         self.lower = np.zeros((m, 6, 6))
         self.tributary = np.zeros(channel_model.capacity)
+        self.surface_frame = np.empty((3, 3))
+        frame_along(channel_model.inward, self.surface_frame)
 
     # -- one step -----------------------------------------------------------------------------------------------------
 
@@ -247,6 +250,7 @@ class Coupled:
         place = (self.channel.rest_m, *self._balls(), b.x, rest, b.needle_x, b.needle_R)
         constraint_geometry(
             self.contact,
+            self.surface_frame,
             self.elements,
             *place,
             length,

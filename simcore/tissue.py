@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from simcore.compiled import kernel
-from simcore.mesh import BoxMesh, box_mesh
+from simcore.mesh import Mesh, box_mesh
 from simcore.scenario import Tissue
 
 Vector = NDArray[np.float64]
@@ -33,7 +33,7 @@ class TissueModel:
     in degrees of freedom.
     """
 
-    mesh: BoxMesh
+    mesh: Mesh
     mu_pa: float
     lambda_pa: float
     mass_damping_per_s: float
@@ -79,21 +79,21 @@ def shape_gradients(nodes_m: Vector, tets: Indices) -> tuple[Vector, Vector]:
     return np.concatenate([-inner.sum(axis=1, keepdims=True), inner], axis=1), volumes
 
 
-def lumped_masses(mesh: BoxMesh, volumes_m3: Vector, density_kg_m3: float) -> Vector:
+def lumped_masses(mesh: Mesh, volumes_m3: Vector, density_kg_m3: float) -> Vector:
     """(n,) kg: a quarter of each tetrahedron's mass to each of its nodes."""
     masses = np.zeros(len(mesh.nodes_m))
     np.add.at(masses, mesh.tets, np.repeat(density_kg_m3 * volumes_m3 / 4.0, 4).reshape(-1, 4))
     return masses
 
 
-def free_node_order(mesh: BoxMesh, held: Indices) -> Indices:
-    """(n,) rank of each free node, numbered plane by plane along the longest axis (narrow band); -1 if held."""
-    slowest_last = np.argsort(mesh.cells, kind="stable")
-    order = np.lexsort([mesh.nodes_m[:, axis] for axis in slowest_last])
-    free = order[~np.isin(order, held)]
-    unknown = np.full(len(mesh.nodes_m), -1)
-    unknown[free] = np.arange(len(free))
-    return unknown
+def free_node_order(mesh: Mesh, held: Indices) -> Indices:
+    """(n,) rank of each free node in the order of the factor, the one of narrowest band; -1 if held."""
+    ranks = []
+    for free in mesh.node_orders(held):
+        unknown = np.full(len(mesh.nodes_m), -1)
+        unknown[free] = np.arange(len(free))
+        ranks.append(unknown)
+    return min(ranks, key=lambda unknown: half_bandwidth(mesh.tets, unknown))
 
 
 def half_bandwidth(tets: Indices, unknown: Indices) -> int:
