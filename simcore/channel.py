@@ -49,9 +49,7 @@ class ChannelModel:
     capacity: int
 
     @classmethod
-    def of(
-        cls, *, spacing_m: float, spread_m: float, longest_m: float, mesh: Mesh, entry_m: Vector
-    ) -> ChannelModel:
+    def of(cls, *, spacing_m: float, spread_m: float, longest_m: float, mesh: Mesh, entry_m: Vector) -> ChannelModel:
         """longest_m: a bound on the rest length of the channel; elements are allocated once."""
         ball = Ball.of_radius(spread_m, mesh)
         inward = mesh.inward_normal(entry_m)

@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 
 from simcore.compiled import kernel
 from simcore.mesh import Mesh, box_mesh
+from simcore.mesh_file import load_mesh
 from simcore.scenario import Tissue
 
 Vector = NDArray[np.float64]
@@ -51,9 +52,9 @@ class TissueModel:
 
     @classmethod
     def from_scenario(cls, tissue: Tissue) -> TissueModel:
-        """The block of a scenario."""
-        mesh = box_mesh(np.array(tissue.size_mm) * 1e-3, tissue.cells)
-        held = np.unique(np.concatenate([mesh.faces[face] for face in tissue.fixed_faces]))
+        """The tissue of a scenario. Raises ScenarioError for a mesh file that is no longer the one it names."""
+        mesh = mesh_of(tissue)
+        held = held_nodes(mesh, tissue)
         young = tissue.young_kpa * 1e3
         gradients, volumes = shape_gradients(mesh.nodes_m, mesh.tets)
         unknown = free_node_order(mesh, held)
@@ -69,6 +70,19 @@ class TissueModel:
             unknown=unknown,
             band=half_bandwidth(mesh.tets, unknown),
         )
+
+
+def mesh_of(tissue: Tissue) -> Mesh:
+    """The block, or the mesh from the scenario's file."""
+    if tissue.mesh_file is None:
+        return box_mesh(np.array(tissue.size_mm) * 1e-3, tissue.cells)
+    return load_mesh(tissue.mesh_file, unit_mm=tissue.mesh_unit_mm, names=tissue.fixed_sets, sha256=tissue.mesh_sha256)
+
+
+def held_nodes(mesh: Mesh, tissue: Tissue) -> Indices:
+    """The nodes of the scenario's fixed faces and sets, in ascending order."""
+    parts = [*(mesh.faces[face] for face in tissue.fixed_faces), *(mesh.sets[name] for name in tissue.fixed_sets)]
+    return np.unique(np.concatenate(parts))
 
 
 def shape_gradients(nodes_m: Vector, tets: Indices) -> tuple[Vector, Vector]:
