@@ -69,16 +69,21 @@ def path_problems(tissue: Tissue, path: Path) -> list[Problem]:
     """The entry lies on the free surface, the path leads inwards and stays inside; lengths of the messages in mm."""
     assert tissue.mesh_file is not None
     mesh = load_mesh(tissue.mesh_file, unit_mm=tissue.mesh_unit_mm, names=tissue.fixed_sets, sha256=tissue.mesh_sha256)
-    entry, end = list(1e3 * path.entry_m), list(1e3 * path.end_m)
+    entry, end = (1e3 * path.entry_m).tolist(), (1e3 * path.end_m).tolist()
     triangle, nearest = mesh.nearest_on_surface(path.entry_m)
     apart = 1e3 * float(np.linalg.norm(nearest - path.entry_m))
     if apart > ON_SURFACE_MM:
-        allowed = f"must lie on the mesh's surface within {ON_SURFACE_MM:g} mm; the nearest point of it is {_mm(nearest)}, {apart:.3g} mm away"
+        allowed = (
+            f"must lie on the mesh's surface within {ON_SURFACE_MM:g} mm; {_mm(nearest)} does, {apart:.3g} mm away"
+        )
         return [Problem("trajectory.entry_mm", entry, allowed)]
     if np.isin(mesh.surface_triangles[triangle], held_nodes(mesh, tissue)).all():
         return [Problem("trajectory.entry_mm", entry, "must not lie on a held part of the surface")]
-    if path.first_tangent() @ mesh.inward_normal(path.entry_m) <= 0.0:
-        allowed = f"must be reached into the tissue; at the entry the path leads out of it (inward: {_mm(1e-3 * mesh.inward_normal(path.entry_m))})"
+    inward = mesh.inward_normal(path.entry_m)
+    if path.first_tangent() @ inward <= 0.0:
+        allowed = (
+            f"must be reached into the tissue; at the entry the path leads out of it (inward: {_mm(1e-3 * inward)})"
+        )
         return [Problem("trajectory.target_mm", end, allowed)]
     points = path.point(np.linspace(0.0, path.length_m, int(np.ceil(1e3 * path.length_m / PATH_STEP_MM)) + 1))
     outside = np.flatnonzero(1e3 * mesh.outside_by(points) > ON_SURFACE_MM)

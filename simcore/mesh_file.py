@@ -145,7 +145,7 @@ def _tetrahedra(raw: Any) -> tuple[Vector, Indices]:
 
 
 def _set(raw: Any, name: str, used: Indices, file: str) -> Indices:
-    """The nodes of a named set, numbered as in the mesh. Raises ScenarioError for a name that the file does not have."""
+    """The nodes of a named set, numbered as in the mesh. Raises ScenarioError for a name that the file has not."""
     found = next((nodes for nodes in (look(raw, name) for look in LOOKUPS) if nodes is not None), None)
     if found is None:
         known = _known(raw)

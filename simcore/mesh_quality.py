@@ -1,4 +1,4 @@
-"""Whether tetrahedra make one body that can be computed with: finite, of sensible size, none flat, joined face to face."""
+"""Whether tetrahedra make one body that can be computed with: finite, of sensible size, none flat, face to face."""
 
 from __future__ import annotations
 
@@ -44,7 +44,8 @@ def _fault_of_tets(nodes_m: Vector, tets: Indices) -> str | None:
     shape = 6.0 * np.sqrt(2.0) * volumes / np.maximum(edges.mean(axis=0), np.finfo(float).tiny) ** 1.5
     flat = np.flatnonzero(shape < FLATTEST)
     if len(flat):
-        return f"has {len(flat)} flat tetrahedra, such as number {flat[0]} (from 0) around {_listed(1e3 * corners[flat[0]].mean(axis=0))} mm"
+        around = _listed(1e3 * corners[flat[0]].mean(axis=0))
+        return f"has {len(flat)} flat tetrahedra, such as number {flat[0]} (from 0) around {around} mm"
     mean_mm = round(1e3 * float(np.cbrt(6.0 * volumes.mean())), 6)
     if not ELEMENT_MM[0] <= mean_mm <= ELEMENT_MM[1]:
         return f"has elements of {mean_mm:.3g} mm on average; {ELEMENT_MM[0]:g} to {ELEMENT_MM[1]:g} are allowed"

@@ -51,7 +51,7 @@ def bounded(default: float, low: float, high: float, text: str) -> Any:
 
 
 class Tissue(Block):
-    """Soft tissue with linear co-rotational elasticity: the block [0, size], entered at z = 0, or a mesh from a file."""
+    """Soft tissue, co-rotational linear elasticity: the block [0, size], entered at z = 0, or a mesh from a file."""
 
     size_mm: tuple[
         Annotated[Number, Field(ge=10, le=500)],

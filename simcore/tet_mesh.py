@@ -71,7 +71,7 @@ class TetMesh(Mesh):
         return normal
 
     def node_orders(self, held: Indices) -> list[Indices]:
-        """Reverse Cuthill-McKee on the graph of the free nodes; plane by plane along the longest side, as in the box."""
+        """Reverse Cuthill-McKee on the graph of the free nodes; plane by plane along the longest side, like the box."""
         count = len(self.nodes_m)
         pairs = self.tets[:, np.array([[a, b] for a in range(4) for b in range(4)])].reshape(-1, 2)
         graph = coo_array((np.ones(len(pairs), np.int8), (pairs[:, 0], pairs[:, 1])), shape=(count, count)).tocsr()

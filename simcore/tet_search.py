@@ -57,7 +57,7 @@ def shape_functions(search: TetSearch, tet: int, point: Vector, weights: Vector)
             value += search.inverses[tet, a, i] * (point[i] - search.origins[tet, i])
         weights[a + 1] = value
         weights[0] -= value
-    return min(min(weights[0], weights[1]), min(weights[2], weights[3]))
+    return float(min(min(weights[0], weights[1]), min(weights[2], weights[3])))
 
 
 @kernel
@@ -88,7 +88,7 @@ def tet_around(search: TetSearch, point: Vector, guess: int, weights: Vector) ->
                 best, best_least = tet, least
                 weights[:] = trial
                 if least >= 0.0:
-                    return best
+                    return int(tet)
     return best
 
 
@@ -134,7 +134,7 @@ def nearest_on_triangle(point: Vector, triangle: Vector, weights: Vector) -> flo
 
 @kernel
 def nearest_triangle(search: TetSearch, point: Vector, weights: Vector) -> tuple[int, float]:
-    """The surface triangle nearest to a point (3,) m and its distance, m; weights (3,) of the nearest point, written."""
+    """The surface triangle nearest to a point (3,) m, and its distance in m; weights (3,): of the nearest point."""
     stack, top = np.empty(STACK, np.int64), 1
     stack[0] = 1
     leaves = len(search.triangle_items)
