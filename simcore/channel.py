@@ -10,14 +10,15 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field, fields
 from enum import IntEnum
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from simcore.compiled import kernel
-from simcore.mesh import BoxMesh
+from simcore.mesh import Mesh
 from simcore.shaft import shaft_frame
-from simcore.spread import Ball, ball_weights, displaced
+from simcore.spread import Ball, displaced, fill_ball, weights_of_ball
 
 Vector = NDArray[np.float64]
 Indices = NDArray[np.int64]
@@ -35,20 +36,24 @@ class Phase(IntEnum):
 
 @dataclass(frozen=True)
 class ChannelModel:
-    """Spacing, ball quadrature and mesh constants: what the channel needs and a run never changes."""
+    """Spacing, ball quadrature and mesh: what the channel needs and a run never changes.
+
+    inward: (3,) unit normal of the surface at the entry, into the tissue; it stays the normal of the contact.
+    """
 
     spacing_m: float
     ball: Ball
     rest_m: Vector
-    size_m: Vector
-    cells: Indices
+    geometry: Any
+    inward: Vector
     capacity: int
 
     @classmethod
-    def of(cls, *, spacing_m: float, spread_m: float, longest_m: float, mesh: BoxMesh) -> ChannelModel:
+    def of(cls, *, spacing_m: float, spread_m: float, longest_m: float, mesh: Mesh, entry_m: Vector) -> ChannelModel:
         """longest_m: a bound on the rest length of the channel; elements are allocated once."""
         ball = Ball.of_radius(spread_m, mesh)
-        return cls(spacing_m, ball, mesh.nodes_m, mesh.size_m, np.array(mesh.cells), int(longest_m / spacing_m) + 4)
+        inward = mesh.inward_normal(entry_m)
+        return cls(spacing_m, ball, mesh.nodes_m, mesh.geometry, inward, int(longest_m / spacing_m) + 4)
 
 
 @dataclass
@@ -102,13 +107,12 @@ class Channel:
     def place(self, model: ChannelModel, element: int, rest_m: Vector) -> None:
         """Put an element at a rest point and compute its weights."""
         self.rest_m[element] = rest_m
-        self.touched[element] = ball_weights(
+        self.touched[element] = weights_of_ball(
             self.rest_m[element],
             model.ball.offsets_m,
             model.ball.kernel,
             model.ball.cell_m,
-            model.size_m,
-            model.cells,
+            model.geometry,
             self.slot,
             self.nodes[element],
             self.weights[element],
@@ -226,7 +230,7 @@ def _append(channel: Channel, model: ChannelModel, rest_m: Vector, depth_m: floa
 def _material_point(channel: Channel, model: ChannelModel, element: int, x: Vector, target_m: Vector) -> Vector:
     """Move an element in rest space until its ball sits at `target_m` (3,) m, world; returns the rest point."""
     c, ball = channel, model.ball
-    material = (ball.offsets_m, ball.kernel, ball.cell_m, model.size_m, model.cells)
+    material = (ball.offsets_m, ball.kernel, ball.cell_m, model.geometry)
     c.touched[element] = material_point(
         c.rest_m[element], target_m, x, model.rest_m, *material, c.slot, c.nodes[element], c.weights[element]
     )
@@ -242,8 +246,7 @@ def material_point(
     offsets: Vector,
     kernel_weights: Vector,
     cell: float,
-    size_m: Vector,
-    cells: Indices,
+    geometry: Any,
     slot: Indices,
     nodes: Indices,
     weights: Vector,
@@ -252,7 +255,7 @@ def material_point(
     of its weights, which are written with their nodes."""
     inverse = np.eye(3)
     move, miss, now, change, row = np.zeros(3), np.zeros(3), np.zeros(3), np.zeros(3), np.zeros(3)
-    count = ball_weights(rest, offsets, kernel_weights, cell, size_m, cells, slot, nodes, weights)
+    count = fill_ball(rest, offsets, kernel_weights, cell, geometry, slot, nodes, weights)
     displaced(rest, nodes, weights, count, x, x_rest, miss)
     miss -= target
     for _ in range(50):
@@ -262,7 +265,7 @@ def material_point(
             move[i] = -(inverse[i, 0] * miss[0] + inverse[i, 1] * miss[1] + inverse[i, 2] * miss[2])
         for i in range(3):
             rest[i] += move[i]
-        count = ball_weights(rest, offsets, kernel_weights, cell, size_m, cells, slot, nodes, weights)
+        count = fill_ball(rest, offsets, kernel_weights, cell, geometry, slot, nodes, weights)
         displaced(rest, nodes, weights, count, x, x_rest, now)
         now -= target
         along = 0.0
@@ -288,12 +291,16 @@ def puncture(channel: Channel, model: ChannelModel) -> None:
 
 
 def slide_contact(channel: Channel, model: ChannelModel, x: Vector, tip_m: Vector) -> None:
-    """Before puncture: after tangential slip the contact point is the surface point beside the tip."""
+    """Before puncture: after tangential slip the contact point is the surface point beside the tip.
+
+    It slides in the plane of the surface at the entry.
+    """
     for _ in range(20):
         miss = channel.position(model, 0, x) - tip_m
-        if np.abs(miss[:2]).max() < 1e-12:
+        miss -= (miss @ model.inward) * model.inward
+        if np.abs(miss).max() < 1e-12:
             break
-        channel.place(model, 0, channel.rest_m[0] - np.array([miss[0], miss[1], 0.0]))
+        channel.place(model, 0, channel.rest_m[0] - miss)
 
 
 def refresh_elements(

@@ -44,11 +44,17 @@ if "NUMBA_CACHE_DIR" not in os.environ:
     os.environ["NUMBA_CACHE_DIR"] = _cache_folder()
 
 import numba  # noqa: E402  (the cache folder must be known first)
+import numba.extending  # noqa: E402
 
 
 def kernel(function: Function) -> Function:
     """Compile on first call, cache on disk, divide like numpy. No fast-math: sums keep their order."""
     return cast(Function, numba.njit(cache=True, error_model="numpy")(function))
+
+
+def resolved_by_type(stub: Callable[..., object]) -> Callable[[Function], Function]:
+    """Decorates the chooser of `stub`'s implementation inside kernels: called at compile time with the types."""
+    return cast("Callable[[Function], Function]", numba.extending.overload(stub))
 
 
 def inlined(function: Function) -> Function:

@@ -40,6 +40,7 @@ def frame_along(axis: Vector, frame: Vector) -> None:
 @kernel
 def constraint_geometry(
     contact: bool,
+    surface_frame: Vector,
     elements: Indices,
     rest: Vector,
     nodes: Indices,
@@ -64,7 +65,7 @@ def constraint_geometry(
     gradient (a, 3, 12) of its shaft point in world axes, and the ball's place (a, 3) m.
 
     Sticking elements keep the arc length of their breakpoint; all others are projected onto the shaft. The frame of a
-    surface contact is (x, y, z), inward normal last, and its arc length is L + gap along the normal.
+    surface contact is surface_frame (3, 3), inward normal last, and its arc length is L + gap along the normal.
     """
     length = element_length * (len(needle_x) - 1)
     for i in range(len(elements)):
@@ -79,7 +80,7 @@ def constraint_geometry(
             s = project(needle_x, needle_R, element_length, p, arc[i])
         c, dc, _, beam, h = shaft_frame(needle_x, needle_R, element_length, s)
         if contact:
-            frames[i] = np.eye(3)
+            frames[i] = surface_frame
             speed[i] = 1.0
         else:
             frame_along(dc, frames[i])

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from copy import copy
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,7 +19,8 @@ from simcore.channel import (
     slide_contact,
 )
 from simcore.errors import Status
-from simcore.mesh import locate
+from simcore.mesh import MaterialPoints
+from simcore.motion import BreathingMotion
 from simcore.needle import NeedleModel, increments, straight
 from simcore.rotations import exp_map
 from simcore.scenario import Scenario, Solver
@@ -27,6 +29,7 @@ from simcore.tissue import TissueModel
 
 Vector = NDArray[np.float64]
 
+PATH_POINTS_APART_M = 0.5e-3  # of the carried path; the chords of a 1 mm sine over 120 mm then miss it by 0.1 um
 RE_ENTRY_MISS_M = 2e-3  # a re-entering tip farther than this from its channel has left it
 
 
@@ -49,6 +52,7 @@ class InsertionState:
     points_m: Vector  # (a, 3) active constraint points
     point_forces_n: Vector  # (a, 3) of the needle on the tissue
     report: StepReport
+    steps: int = 0  # since the start: the held nodes are where the motion has them at steps * dt
 
     @property
     def base(self) -> Pose:
@@ -69,6 +73,7 @@ class Insertion:
         self.scenario = scenario
         self.tissue = TissueModel.from_scenario(scenario.tissue)
         self.needle = NeedleModel.from_scenario(scenario.needle)
+        self.entry_m = np.array(scenario.trajectory.entry_mm) * 1e-3
         interaction = scenario.interaction
         assert interaction.spacing_mm is not None
         self.channel_model = ChannelModel.of(
@@ -76,11 +81,12 @@ class Insertion:
             spread_m=interaction.spread_mm * 1e-3,
             longest_m=self.needle.length_m,
             mesh=self.tissue.mesh,
+            entry_m=self.entry_m,
         )
         self.coupled = Coupled(
             self.tissue, self.needle, self.channel_model, interaction, scenario.solver, scenario.dt_s
         )
-        self.entry_m = np.array(scenario.trajectory.entry_mm) * 1e-3
+        self.motion = BreathingMotion.from_scenario(scenario.motion)
 
     def initial_base(self, tangent: Vector) -> Pose:
         """Base pose of the straight needle that waits along `tangent` (3,), unit, with its tip at the entry."""
@@ -121,6 +127,7 @@ class Insertion:
             self.coupled.points,
             self.coupled.force,
             report,
+            state.steps + 1,
         )
         return self._last
 
@@ -141,14 +148,23 @@ class Insertion:
 
     def carried(self, state: InsertionState, rest_m: Vector) -> Vector:
         """(3,) m, world: where the tissue point at `rest_m` is now, by the shape functions of its tetrahedron."""
-        mesh = self.tissue.mesh
-        nodes, weights = np.empty(4, np.int64), np.empty(4)
-        locate(rest_m, mesh.size_m, self.channel_model.cells, nodes, weights)
-        moved: Vector = rest_m + weights @ (state.bodies.x[nodes] - mesh.nodes_m[nodes])
+        nodes, weights = self.tissue.mesh.locate(rest_m)
+        moved: Vector = rest_m + weights @ (state.bodies.x[nodes] - self.tissue.mesh.nodes_m[nodes])
         return moved
 
+    def carried_path(self, state: InsertionState) -> Vector:
+        """(k, 3) m, world: the scenario's path as the tissue carries it now, at most 0.5 mm between points at rest."""
+        return self._path_material.positions(state.bodies.x, self.tissue.mesh.nodes_m)
+
+    @cached_property
+    def _path_material(self) -> MaterialPoints:
+        path = self.scenario.path()
+        pieces = int(np.ceil(path.length_m / PATH_POINTS_APART_M))
+        return self.tissue.mesh.material(path.point(np.linspace(0.0, path.length_m, pieces + 1)))
+
     def _solve(self, state: InsertionState, channel: Channel, base: Pose) -> tuple[Bodies, StepReport]:
-        bodies, report = self.coupled.solve(state.bodies, channel, base.position_m, base.rotation)
+        shift = self.motion.shift_m((state.steps + 1) * self.scenario.dt_s) if self.motion else None
+        bodies, report = self.coupled.solve(state.bodies, channel, base.position_m, base.rotation, shift)
         bodies.v = (bodies.x - state.bodies.x) / self.scenario.dt_s
         old = state.bodies
         bodies.needle_move = increments(old.needle_x, old.needle_R, bodies.needle_x, bodies.needle_R)

@@ -1,9 +1,12 @@
-"""Tetrahedral meshes: the box of six tetrahedra a cell, in a mirrored pattern, and where a point lies in it."""
+"""Tetrahedral meshes: what the simulator asks of any of them, and the built-in box of six tetrahedra a cell."""
 
 from __future__ import annotations
 
+from abc import ABC, abstractmethod
 from dataclasses import dataclass
+from functools import cached_property
 from itertools import permutations
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,20 +17,102 @@ Vector = NDArray[np.float64]
 Indices = NDArray[np.int64]
 
 
+class BoxGeometry(NamedTuple):
+    """What kernels know of a box: edges (3,) m and cells (3,)."""
+
+    size_m: Vector
+    cells: Indices
+
+
 @dataclass(frozen=True)
-class BoxMesh:
+class Mesh(ABC):
+    """A tetrahedral mesh at rest, world frame: the box, or one from a file (`tet_mesh`).
+
+    nodes_m: (n, 3) m; tets: (t, 4), positively oriented; surface_triangles: (s, 3), counter-clockwise from outside;
+    faces: flat sides x_min ... z_max of the bounding box that the mesh has -> their nodes; sets: named nodes of a file.
+    """
+
+    nodes_m: Vector
+    tets: Indices
+    surface_triangles: Indices
+    faces: dict[str, Indices]
+    sets: dict[str, Indices]
+
+    @property
+    @abstractmethod
+    def geometry(self) -> Any:
+        """The tables of its kernels: BoxGeometry or TetSearch."""
+
+    @abstractmethod
+    def locate(self, point_m: Vector) -> tuple[Indices, Vector]:
+        """The four nodes around a point (3,) m and its linear shape functions (4,); outside, those of the nearest
+        point of the mesh."""
+
+    @abstractmethod
+    def node_orders(self, held: Indices) -> list[Indices]:
+        """Orders of all nodes but the held ones that keep coupled nodes close (a narrow band)."""
+
+    @abstractmethod
+    def nodes_touched(self, radius_m: float) -> int:
+        """A bound on the number of nodes whose shape functions reach into a ball of radius_m anywhere."""
+
+    @abstractmethod
+    def inward_normal(self, point_m: Vector) -> Vector:
+        """(3,) unit normal, into the mesh, of the surface nearest to a point (3,) m."""
+
+    def material(self, points_m: Vector) -> MaterialPoints:
+        """The material points that are at points_m (k, 3) m at rest."""
+        nodes, weights = zip(*(self.locate(point) for point in points_m), strict=True)
+        return MaterialPoints(points_m, np.array(nodes), np.array(weights))
+
+
+@dataclass(frozen=True)
+class MaterialPoints:
+    """Points fixed in the material: rest_m (k, 3) m, carried by nodes (k, 4) with weights (k, 4)."""
+
+    rest_m: Vector
+    nodes: Indices
+    weights: Vector
+
+    def positions(self, x: Vector, rest_nodes_m: Vector) -> Vector:
+        """(k, 3) m where they are when the nodes are at x (n, 3) m."""
+        moved: Vector = self.rest_m + np.einsum("ka,kai->ki", self.weights, (x - rest_nodes_m)[self.nodes])
+        return moved
+
+
+@dataclass(frozen=True)
+class BoxMesh(Mesh):
     """A box [0, size] cut into cells of six tetrahedra (Kuhn), each cell the mirror image of its neighbours.
 
     Mirroring makes a mesh with an even number of cells along an axis symmetric in it, so that a reflected path gives
-    a reflected tip. nodes_m: (n, 3) m, x fastest; tets: (t, 4), positively oriented; faces: name -> node indices.
+    a reflected tip. Its nodes are numbered x fastest; the entry face is z = 0.
     """
 
     size_m: Vector
     cells: tuple[int, int, int]
-    nodes_m: Vector
-    tets: Indices
-    faces: dict[str, Indices]
-    surface_triangles: Indices
+
+    @cached_property
+    def geometry(self) -> BoxGeometry:
+        return BoxGeometry(self.size_m, np.array(self.cells))
+
+    def locate(self, point_m: Vector) -> tuple[Indices, Vector]:
+        nodes, weights = np.empty(4, np.int64), np.empty(4)
+        locate(point_m, *self.geometry, nodes, weights)
+        return nodes, weights
+
+    def node_orders(self, held: Indices) -> list[Indices]:
+        """Plane by plane along the longest axis."""
+        slowest_last = np.argsort(self.cells, kind="stable")
+        order = np.lexsort([self.nodes_m[:, axis] for axis in slowest_last])
+        return [order[~np.isin(order, held)]]
+
+    def nodes_touched(self, radius_m: float) -> int:
+        edges = self.size_m / self.cells
+        return int(np.prod(np.floor(2 * radius_m / edges) + 3))
+
+    def inward_normal(self, point_m: Vector) -> Vector:
+        """Of the entry face, wherever the point is."""
+        return np.array([0.0, 0.0, 1.0])
 
 
 def box_mesh(size_m: Vector, cells: tuple[int, int, int]) -> BoxMesh:
@@ -35,8 +120,8 @@ def box_mesh(size_m: Vector, cells: tuple[int, int, int]) -> BoxMesh:
     axes = [np.linspace(0.0, edge, count + 1) for edge, count in zip(size_m, cells, strict=True)]
     z, y, x = np.meshgrid(axes[2], axes[1], axes[0], indexing="ij")
     nodes = np.column_stack([x.ravel(), y.ravel(), z.ravel()])
-    tets = _oriented(nodes, _kuhn_tets(cells))
-    return BoxMesh(np.asarray(size_m, float), cells, nodes, tets, _faces(cells), _surface(nodes, tets))
+    tets = oriented(nodes, _kuhn_tets(cells))
+    return BoxMesh(nodes, tets, surface_of(tets), _faces(cells), {}, np.asarray(size_m, float), cells)
 
 
 def _node_index(corner: Indices, cells: tuple[int, int, int]) -> Indices:
@@ -61,8 +146,8 @@ def _kuhn_tets(cells: tuple[int, int, int]) -> Indices:
     return np.stack(tets, axis=1).reshape(-1, 4)
 
 
-def _oriented(nodes: Vector, tets: Indices) -> Indices:
-    """Swap two corners wherever the volume is negative."""
+def oriented(nodes: Vector, tets: Indices) -> Indices:
+    """Swap two corners wherever the volume is negative; tets is changed."""
     edges = nodes[tets[:, 1:]] - nodes[tets[:, :1]]
     flipped = np.linalg.det(edges) < 0
     tets[flipped] = tets[flipped][:, [0, 2, 1, 3]]
@@ -82,7 +167,7 @@ def _faces(cells: tuple[int, int, int]) -> dict[str, Indices]:
     }
 
 
-def _surface(nodes: Vector, tets: Indices) -> Indices:
+def surface_of(tets: Indices) -> Indices:
     """(triangles, 3): faces that belong to one tetrahedron only, seen counter-clockwise from outside."""
     triangles = np.concatenate([tets[:, [1, 2, 3]], tets[:, [0, 3, 2]], tets[:, [0, 1, 3]], tets[:, [0, 2, 1]]])
     _, first, count = np.unique(np.sort(triangles, axis=1), axis=0, return_index=True, return_counts=True)

@@ -73,14 +73,22 @@ def lambda_ratio(series: Series) -> float | None:
     return float(np.median(total[loaded] / resultant[loaded])) if loaded.any() else None
 
 
-def metrics(status: Status, series: Series, path: Path, *, dt_s: float, steps: int) -> dict[str, Any]:
-    """The metrics block of a result; every measure is None if not one step was completed."""
+def metrics(
+    status: Status, series: Series, path: Path, *, dt_s: float, steps: int, cross_track_m: Vector | None = None
+) -> dict[str, Any]:
+    """The metrics block of a result; every measure is None if not one step was completed.
+
+    cross_track_m: (done,) m, distance of the tip from the path after each step where the tissue carries the path; None
+    = the path is fixed in space, and the distances follow from it.
+    """
     done = len(series["t_s"]) - 1
     stable = status is Status.COMPLETED and bool(np.isfinite(series["tip_m"]).all())
     values: dict[str, Any] = {"stable": stable, "success": False, "steps_completed": done, "steps": steps}
     if done == 0:
         return {**values, **dict.fromkeys(MEASURED)}
     errors = paper_errors_mm(series)
+    if cross_track_m is None:
+        cross_track_m = path.distance_m(series["tip_m"][1:])
     rcm = 1e3 * series["rcm_error_m"][1:]
     reached = done == steps
     values["success"] = bool(stable and reached and longest_loss_s(errors, dt_s) <= LOST_TIME_S)
@@ -88,7 +96,7 @@ def metrics(status: Status, series: Series, path: Path, *, dt_s: float, steps: i
         **values,
         "rmse_mm": root_mean_square(errors),
         "rmse_same_index_mm": root_mean_square(same_index_errors_mm(series)),
-        "cross_track_rmse_mm": root_mean_square(1e3 * path.distance_m(series["tip_m"][1:])),
+        "cross_track_rmse_mm": root_mean_square(1e3 * cross_track_m),
         "p95_error_mm": float(np.percentile(errors, 95)),
         "max_error_mm": float(errors.max()),
         "final_error_mm": float(same_index_errors_mm(series)[-1]),

@@ -26,7 +26,7 @@ from simcore.rotations import quaternion_from_matrix
 from simcore.scenario import Scenario
 from simcore.series import SeriesBuilder
 from simcore.shaft import shaft_polyline
-from simcore.trajectory import held_noise, targets
+from simcore.trajectory import held_noise, polyline_distance_m, targets
 
 Vector = NDArray[np.float64]
 Clock = Callable[[], float]
@@ -127,6 +127,7 @@ class _Loop:
         )
         self.before = self.state = self.insertion.initial_state(self.path.first_tangent())
         self.model = make_model(scenario, self.insertion, lambda: (self.before, self.state))
+        self.carried_cross_track_m: list[float] = []
         self.jacobian_s = 0.0
         self.controller = make_controller(
             scenario,
@@ -175,6 +176,9 @@ class _Loop:
         if report.status is not Status.COMPLETED:
             return None, report.status, f"{where}: {report.message}"
         self.before, self.state = self.state, state
+        if self.scenario.trajectory.frame == "tissue":
+            path = self.insertion.carried_path(state)
+            self.carried_cross_track_m.append(polyline_distance_m(state.tip_m, path))
         timing = StepTiming(plant_s, self.jacobian_s, command_s)
         return self._record(step + 1, command, limited, timing), report.status, ""
 
@@ -256,7 +260,14 @@ class _Loop:
             status=status,
             message=message,
             series=series,
-            metrics=metrics(status, series, self.path, dt_s=dt, steps=self.steps),
+            metrics=metrics(
+                status,
+                series,
+                self.path,
+                dt_s=dt,
+                steps=self.steps,
+                cross_track_m=np.array(self.carried_cross_track_m) if self.carried_cross_track_m else None,
+            ),
             timing=builder.timing(wall_s=wall_s, simulated_s=done * dt),
             solver=builder.solver(),
         )

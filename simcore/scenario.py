@@ -11,7 +11,15 @@ import math
 from typing import Annotated, Any, Literal, Self
 
 import numpy as np
-from pydantic import BaseModel, ConfigDict, Field, StringConstraints, ValidationError, model_validator
+from pydantic import (
+    BaseModel,
+    ConfigDict,
+    Field,
+    StringConstraints,
+    ValidationError,
+    ValidationInfo,
+    model_validator,
+)
 
 from simcore.errors import Problem, ScenarioError
 from simcore.trajectory import Path, step_count
@@ -27,6 +35,7 @@ MAXIMUM_STEPS = 1_000_000
 Number = Annotated[float, Field(strict=True, allow_inf_nan=False)]
 Triple = tuple[Number, Number, Number]
 Component = Annotated[Number, Field(ge=-1000, le=1000)]
+SetName = Annotated[str, StringConstraints(min_length=1, max_length=100)]
 Face = Literal["x_min", "x_max", "y_min", "y_max", "z_max"]
 
 
@@ -42,14 +51,19 @@ def bounded(default: float, low: float, high: float, text: str) -> Any:
 
 
 class Tissue(Block):
-    """Soft-tissue block [0, size] with linear co-rotational elasticity; its face z = 0 is the entry face."""
+    """Soft tissue, co-rotational linear elasticity: the block [0, size], entered at z = 0, or a mesh from a file."""
 
     size_mm: tuple[
         Annotated[Number, Field(ge=10, le=500)],
         Annotated[Number, Field(ge=10, le=500)],
         Annotated[Number, Field(ge=10, le=500)],
-    ] = Field(default=(36.0, 62.0, 122.0), description="edges x, y, z, each 10 to 500 [paper]")
-    element_size_mm: Number = bounded(6.0, 1.0, 50.0, "edge of a cell of six tetrahedra [ours]")
+    ] = Field(
+        default=(36.0, 62.0, 122.0),
+        description="edges x, y, z, each 10 to 500; with mesh_file, those of its bounding box replace them [paper]",
+    )
+    element_size_mm: Number = bounded(
+        6.0, 1.0, 50.0, "edge of a cell of six tetrahedra; with mesh_file, its mean element replaces it [ours]"
+    )
     young_kpa: Number = bounded(6.3, 0.1, 1000.0, "Young's modulus [paper]")
     poisson: Number = bounded(0.4, 0.0, 0.49, "Poisson's ratio [paper]")
     density_kg_m3: Number = bounded(0.0, 0.0, 20_000.0, "mass density; 0 = quasi-static [ours]; tissue 1000 [cited]")
@@ -57,9 +71,37 @@ class Tissue(Block):
     rayleigh_stiffness_s: Number = bounded(0.0, 0.0, 10.0, "beta of the damping C = alpha M + beta K [ours]")
     fixed_faces: tuple[Face, ...] = Field(
         default=("y_min", "y_max"),
-        min_length=1,
-        description="faces held still, one or more of x_min, x_max, y_min, y_max, z_max (z = 0 is the entry) [ours]",
+        description="faces held still, one or more of x_min, x_max, y_min, y_max, z_max (z = 0 is the entry); with "
+        "mesh_file, flat sides of its bounding box, by default none where fixed_sets names some [ours]",
     )
+    fixed_sets: tuple[SetName, ...] = Field(
+        default=(),
+        max_length=100,
+        description="held parts of mesh_file by name: node set, cell set, physical group, array or array=number [ours]",
+    )
+    mesh_file: Annotated[str, StringConstraints(min_length=1, max_length=1000)] | None = Field(
+        default=None,
+        description="linear tetrahedra in a .msh, .vtu, .vtk, .mesh or .inp file instead of the block [ours]",
+    )
+    mesh_unit_mm: Number = bounded(1.0, 1e-3, 1e4, "unit of length of mesh_file; 1 = mm, 1000 = m [ours]")
+    mesh_sha256: Annotated[str, StringConstraints(pattern=r"^[0-9a-f]{64}$")] | None = Field(
+        default=None,
+        description="SHA-256 of mesh_file, 64 hexadecimal digits; null = that of the file now [ours]",
+    )
+
+    @model_validator(mode="after")
+    def _take_mesh(self, info: ValidationInfo) -> Self:
+        """From a mesh file: digest, size, element size; refused without being looked at where files are not allowed."""
+        if self.mesh_file is None:
+            return self
+        from simcore.mesh_checks import fields_of_mesh
+
+        if not (info.context or {}).get("files", True):
+            refused = "names a file on this machine, which is not accepted here: run it with the command line"
+            raise ScenarioError([Problem("tissue.mesh_file", self.mesh_file, refused)])
+        for name, value in fields_of_mesh(self).items():
+            object.__setattr__(self, name, value)
+        return self
 
     @property
     def cells(self) -> tuple[int, int, int]:
@@ -104,7 +146,9 @@ class StraightTrajectory(Block):
     """A target that slides along a straight line."""
 
     kind: Literal["line"] = Field(default="line", description="line or sine")
-    entry_mm: Triple = Field(default=(18.0, 31.0, 0.0), description="on the face z = 0, inside its edges [ours]")
+    entry_mm: Triple = Field(
+        default=(18.0, 31.0, 0.0), description="on the face z = 0, inside its edges; on the surface of mesh_file [ours]"
+    )
     target_mm: Triple = Field(
         default=(18.0, 31.0, 122.0), description="inside the block, at least 0.1 below the face z = 0 [paper: z = 122]"
     )
@@ -139,6 +183,24 @@ class SineTrajectory(StraightTrajectory):
             self.periods,
             np.array(self.direction),
         )
+
+
+class Still(Block):
+    """The held nodes stay where they are."""
+
+    kind: Literal["none"] = Field(default="none", description="none or breathing")
+
+
+class Breathing(Block):
+    """The held nodes move by amplitude (1 - cos(2 pi t / period)) along the direction: from rest to twice the
+    amplitude and back."""
+
+    kind: Literal["breathing"] = Field(default="breathing", description="none or breathing")
+    amplitude_mm: Number = bounded(6.0, 0.0, 50.0, "half of the peak-to-peak excursion [cited: 12 mm peak to peak]")
+    period_s: Number = bounded(4.0, 0.5, 60.0, "time of one breath [cited: 0.25 Hz]")
+    direction: tuple[Component, Component, Component] = Field(
+        default=(0.0, 0.0, 1.0), description="world vector of any length but 0; each -1000 to 1000 [ours]"
+    )
 
 
 class Robot(Block):
@@ -250,6 +312,7 @@ class Recording(Block):
 
 
 Trajectory = Annotated[StraightTrajectory | SineTrajectory, Field(discriminator="kind")]
+Motion = Annotated[Still | Breathing, Field(discriminator="kind")]
 Controller = Annotated[InverseFem | Replay | OpenLoop, Field(discriminator="kind")]
 Name = Annotated[str, StringConstraints(min_length=1, max_length=100, pattern=r"^[\w .,:+()/-]+$")]
 
@@ -272,6 +335,7 @@ class Scenario(Block):
     needle: Needle = Field(default=Needle(), description="the flexible tube that the robot holds")
     interaction: Interaction = Field(default=Interaction(), description="forces between needle and tissue")
     trajectory: Trajectory = Field(default=StraightTrajectory(), description="what the tip is asked to follow")
+    motion: Motion = Field(default=Still(), description="how the held nodes of the tissue move")
     robot: Robot = Field(default=Robot(), description="speed limits of the needle's base")
     controller: Controller = Field(default=InverseFem(), description="what steers the base")
     solver: Solver = Field(default=Solver(), description="when a step counts as converged")
@@ -283,7 +347,7 @@ class Scenario(Block):
         """A block without a kind is of the default kind."""
         if not isinstance(data, dict):
             return data
-        kinds = {"trajectory": "line", "controller": "ifem"}
+        kinds = {"trajectory": "line", "controller": "ifem", "motion": "none"}
         absent = {k: v for k, v in kinds.items() if isinstance(data.get(k), dict) and "kind" not in data[k]}
         return {**data, **{block: {"kind": kind, **data[block]} for block, kind in absent.items()}}
 
@@ -299,6 +363,7 @@ class Scenario(Block):
             *_needle_problems(self),
             *_tissue_problems(self),
             *_path_problems(self),
+            *_motion_problems(self),
             *_pose_problems(self),
             *_model_problems(self),
         ]
@@ -307,8 +372,11 @@ class Scenario(Block):
         return self
 
     @classmethod
-    def load(cls, data: Any) -> Scenario:
-        """Validate a JSON value (dict) or a JSON text. Raises ScenarioError, which names every wrong field."""
+    def load(cls, data: Any, *, files: bool = True) -> Scenario:
+        """Validate a JSON value (dict) or a JSON text. Raises ScenarioError, which names every wrong field.
+
+        files: whether a scenario may name files of this machine; if not, they are refused and never opened.
+        """
         try:
             if isinstance(data, bytes):
                 data = data.decode(json.detect_encoding(data))  # a redirected PowerShell writes UTF-16
@@ -316,7 +384,7 @@ class Scenario(Block):
         except (TypeError, ValueError, RecursionError) as error:
             raise ScenarioError([Problem("scenario", type(data).__name__, f"is not JSON: {error}")]) from None
         try:
-            return cls.model_validate_json(text)
+            return cls.model_validate_json(text, context={"files": files})
         except ValidationError as error:
             raise ScenarioError(problems_of(error, cls, text)) from None
 
@@ -367,11 +435,21 @@ def _tissue_problems(s: Scenario) -> list[Problem]:
     if math.prod(s.tissue.cells) > MAXIMUM_CELLS:
         allowed = f"gives {math.prod(s.tissue.cells)} cells, at most {MAXIMUM_CELLS} are allowed"
         problems.append(Problem("tissue.element_size_mm", s.tissue.element_size_mm, allowed))
+    if s.tissue.mesh_file is not None:
+        return problems
+    if not s.tissue.fixed_faces:
+        problems.append(Problem("tissue.fixed_faces", [], "must name at least one face"))
+    for name, unset in (("fixed_sets", ()), ("mesh_unit_mm", 1.0), ("mesh_sha256", None)):
+        value = getattr(s.tissue, name)
+        if value != unset:
+            problems.append(Problem(f"tissue.{name}", value, "belongs to tissue.mesh_file, which is not given"))
     return problems
 
 
 def _path_problems(s: Scenario) -> list[Problem]:
     path, size = s.trajectory, s.tissue.size_mm
+    if s.tissue.mesh_file is not None:
+        return _mesh_path_problems(s) or [*_length_problems(s), *_step_problems(s)]
     x, y, z = path.entry_mm
     if z != 0.0 or not (0.0 < x < size[0] and 0.0 < y < size[1]):
         allowed = f"must lie on the face z = 0, inside 0 < x < {size[0]:g}, 0 < y < {size[1]:g}"
@@ -383,7 +461,18 @@ def _path_problems(s: Scenario) -> list[Problem]:
     return _overlay_problems(s) or [*_length_problems(s), *_step_problems(s)]
 
 
-def _overlay_problems(s: Scenario) -> list[Problem]:
+def _mesh_path_problems(s: Scenario) -> list[Problem]:
+    from simcore.mesh_checks import path_problems
+
+    path = s.trajectory
+    length = math.dist(path.entry_mm, path.target_mm)
+    if length < MINIMUM_DEPTH_MM:
+        allowed = f"is {length:.3g} mm from trajectory.entry_mm; it must be at least {MINIMUM_DEPTH_MM:g}"
+        return [Problem("trajectory.target_mm", list(path.target_mm), allowed)]
+    return _direction_problems(s) or path_problems(s.tissue, s.path())
+
+
+def _direction_problems(s: Scenario) -> list[Problem]:
     path = s.trajectory
     if not isinstance(path, SineTrajectory):
         return []
@@ -397,6 +486,15 @@ def _overlay_problems(s: Scenario) -> list[Problem]:
                 "must be a vector across the path, neither zero nor along it",
             )
         ]
+    return []
+
+
+def _overlay_problems(s: Scenario) -> list[Problem]:
+    path = s.trajectory
+    if not isinstance(path, SineTrajectory):
+        return []
+    if problems := _direction_problems(s):
+        return problems
     points = path.path().curve(np.linspace(0.0, 1.0, 1001))
     low, high = points.min(axis=0), points.max(axis=0)
     if (low < -1e-12).any() or (high > np.array(s.tissue.size_mm) * 1e-3 + 1e-12).any():
@@ -416,6 +514,13 @@ def _step_problems(s: Scenario) -> list[Problem]:
     if s.steps <= MAXIMUM_STEPS:
         return []
     return [Problem("dt_s", s.dt_s, f"gives {s.steps} steps, at most {MAXIMUM_STEPS} are allowed")]
+
+
+def _motion_problems(s: Scenario) -> list[Problem]:
+    motion = s.motion
+    if isinstance(motion, Breathing) and math.hypot(*motion.direction) < 1e-6:
+        return [Problem("motion.direction", list(motion.direction), "must be a vector at least 1e-6 long")]
+    return []
 
 
 def _pose_problems(s: Scenario) -> list[Problem]:

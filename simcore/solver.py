@@ -21,6 +21,7 @@ from simcore.compliance import Compliance, NotPositiveDefinite
 from simcore.contact_laws import law_residual, solve_laws, staircases
 from simcore.coupling import (
     constraint_geometry,
+    frame_along,
     local_compliance,
     moved_shaft,
     needle_residual,
@@ -98,17 +99,24 @@ class Coupled:
         self.diag, self.upper = np.zeros((m + 1, 6, 6)), np.zeros((m, 6, 6))
         self.lower = np.zeros((m, 6, 6))
         self.tributary = np.zeros(channel_model.capacity)
+        self.surface_frame = np.empty((3, 3))
+        frame_along(channel_model.inward, self.surface_frame)
 
     # -- one step -----------------------------------------------------------------------------------------------------
 
-    def solve(self, start: Bodies, channel: Channel, position: Vector, rotation: Vector) -> tuple[Bodies, StepReport]:
+    def solve(
+        self, start: Bodies, channel: Channel, position: Vector, rotation: Vector, held_shift_m: Vector | None = None
+    ) -> tuple[Bodies, StepReport]:
         """Move the base to (position (3,) m, rotation (3, 3)) and find the new equilibrium; `channel` gets its forces.
 
         `start` is not changed. The first iterate continues the last step's motion; the base's difference from that is
-        handed to the first correction as a prescribed displacement.
+        handed to the first correction as a prescribed displacement. held_shift_m: (3,) m, world, displacement of the
+        held nodes from the reference shape at the end of the step; None = they stay.
         """
         self.start, self.channel = start, channel
         self.bodies = bodies = self._extrapolated(start)
+        if held_shift_m is not None:
+            self._move_held(bodies.x, held_shift_m)
         self.base_gap = np.concatenate([position - bodies.needle_x[0], log_map(rotation @ bodies.needle_R[0].T)])
         self._begin(channel)
         refactored, since = 0, 0
@@ -143,6 +151,13 @@ class Coupled:
         bodies.x += self.dt_s * start.v
         advance(bodies.needle_x, bodies.needle_R, bodies.needle_move)
         return bodies
+
+    def _move_held(self, x: Vector, shift_m: Vector) -> None:
+        """Put the held nodes exactly where they are prescribed; in the first iterate all others go along with them."""
+        held = self.tissue.unknown < 0
+        places = self.channel_model.rest_m[held] + shift_m
+        x += places[0] - x[held][0]
+        x[held] = places
 
     def _converged(self, residual: float, violation: float, law: float) -> bool:
         return (
@@ -235,6 +250,7 @@ class Coupled:
         place = (self.channel.rest_m, *self._balls(), b.x, rest, b.needle_x, b.needle_R)
         constraint_geometry(
             self.contact,
+            self.surface_frame,
             self.elements,
             *place,
             length,

@@ -15,7 +15,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from simcore.compiled import kernel
-from simcore.mesh import BoxMesh, box_mesh
+from simcore.mesh import Mesh, box_mesh
+from simcore.mesh_file import load_mesh
 from simcore.scenario import Tissue
 
 Vector = NDArray[np.float64]
@@ -33,7 +34,7 @@ class TissueModel:
     in degrees of freedom.
     """
 
-    mesh: BoxMesh
+    mesh: Mesh
     mu_pa: float
     lambda_pa: float
     mass_damping_per_s: float
@@ -51,9 +52,9 @@ class TissueModel:
 
     @classmethod
     def from_scenario(cls, tissue: Tissue) -> TissueModel:
-        """The block of a scenario."""
-        mesh = box_mesh(np.array(tissue.size_mm) * 1e-3, tissue.cells)
-        held = np.unique(np.concatenate([mesh.faces[face] for face in tissue.fixed_faces]))
+        """The tissue of a scenario. Raises ScenarioError for a mesh file that is no longer the one it names."""
+        mesh = mesh_of(tissue)
+        held = held_nodes(mesh, tissue)
         young = tissue.young_kpa * 1e3
         gradients, volumes = shape_gradients(mesh.nodes_m, mesh.tets)
         unknown = free_node_order(mesh, held)
@@ -71,6 +72,19 @@ class TissueModel:
         )
 
 
+def mesh_of(tissue: Tissue) -> Mesh:
+    """The block, or the mesh from the scenario's file."""
+    if tissue.mesh_file is None:
+        return box_mesh(np.array(tissue.size_mm) * 1e-3, tissue.cells)
+    return load_mesh(tissue.mesh_file, unit_mm=tissue.mesh_unit_mm, names=tissue.fixed_sets, sha256=tissue.mesh_sha256)
+
+
+def held_nodes(mesh: Mesh, tissue: Tissue) -> Indices:
+    """The nodes of the scenario's fixed faces and sets, in ascending order."""
+    parts = [*(mesh.faces[face] for face in tissue.fixed_faces), *(mesh.sets[name] for name in tissue.fixed_sets)]
+    return np.unique(np.concatenate(parts))
+
+
 def shape_gradients(nodes_m: Vector, tets: Indices) -> tuple[Vector, Vector]:
     """grad N_a (t, 4, 3) 1/m and volumes (t,) m3 of linear tetrahedra at rest."""
     edges = nodes_m[tets[:, 1:]] - nodes_m[tets[:, :1]]
@@ -79,21 +93,21 @@ def shape_gradients(nodes_m: Vector, tets: Indices) -> tuple[Vector, Vector]:
     return np.concatenate([-inner.sum(axis=1, keepdims=True), inner], axis=1), volumes
 
 
-def lumped_masses(mesh: BoxMesh, volumes_m3: Vector, density_kg_m3: float) -> Vector:
+def lumped_masses(mesh: Mesh, volumes_m3: Vector, density_kg_m3: float) -> Vector:
     """(n,) kg: a quarter of each tetrahedron's mass to each of its nodes."""
     masses = np.zeros(len(mesh.nodes_m))
     np.add.at(masses, mesh.tets, np.repeat(density_kg_m3 * volumes_m3 / 4.0, 4).reshape(-1, 4))
     return masses
 
 
-def free_node_order(mesh: BoxMesh, held: Indices) -> Indices:
-    """(n,) rank of each free node, numbered plane by plane along the longest axis (narrow band); -1 if held."""
-    slowest_last = np.argsort(mesh.cells, kind="stable")
-    order = np.lexsort([mesh.nodes_m[:, axis] for axis in slowest_last])
-    free = order[~np.isin(order, held)]
-    unknown = np.full(len(mesh.nodes_m), -1)
-    unknown[free] = np.arange(len(free))
-    return unknown
+def free_node_order(mesh: Mesh, held: Indices) -> Indices:
+    """(n,) rank of each free node in the order of the factor, the one of narrowest band; -1 if held."""
+    ranks = []
+    for free in mesh.node_orders(held):
+        unknown = np.full(len(mesh.nodes_m), -1)
+        unknown[free] = np.arange(len(free))
+        ranks.append(unknown)
+    return min(ranks, key=lambda unknown: half_bandwidth(mesh.tets, unknown))
 
 
 def half_bandwidth(tets: Indices, unknown: Indices) -> int:

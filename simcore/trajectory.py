@@ -126,6 +126,15 @@ class Path:
         return gaps
 
 
+def polyline_distance_m(point: Vector, line: Vector) -> float:
+    """Distance, m, of a point (3,) m from the polyline through line (k, 3) m, k at least 2."""
+    start, along = line[:-1], np.diff(line, axis=0)
+    length = np.maximum(np.sum(along**2, axis=1), np.finfo(float).tiny)
+    share = np.clip(np.sum((point - start) * along, axis=1) / length, 0.0, 1.0)
+    gaps = start + share[:, None] * along - point
+    return float(np.sqrt(np.sum(gaps**2, axis=1).min()))
+
+
 def step_count(path_length_m: float, speed_m_s: float, dt_s: float) -> int:
     """ceil(path length / (speed dt)); a quotient within 1e-9 of a whole number counts as whole."""
     steps = path_length_m / (speed_m_s * dt_s)

@@ -1,0 +1,74 @@
+"""Whether tetrahedra make one body that can be computed with: finite, of sensible size, none flat, face to face."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.sparse import coo_array
+from scipy.sparse.csgraph import connected_components
+
+Vector = NDArray[np.float64]
+Indices = NDArray[np.int64]
+
+SIZE_MM = (10.0, 500.0)  # edges of the bounding box, as of the built-in block
+ELEMENT_MM = (1.0, 50.0)  # mean element, as of the built-in block
+FARTHEST_MM = 10_000.0
+FLATTEST = 1e-3  # least 6 sqrt(2) V / l^3, l the root mean square edge: 1 for a regular tetrahedron
+
+
+def fault_of_mesh(nodes_m: Vector, tets: Indices) -> str | None:
+    """What is wrong with the mesh of nodes (n, 3) m, all used, and tetrahedra (t, 4) of any orientation."""
+    if not np.isfinite(nodes_m).all():
+        return f"has a point that is not finite: {_listed(nodes_m[~np.isfinite(nodes_m).all(axis=1)][0])} m"
+    return _fault_of_size(nodes_m) or _fault_of_tets(nodes_m, tets) or _fault_of_joints(tets)
+
+
+def _fault_of_size(nodes_m: Vector) -> str | None:
+    low, high = 1e3 * nodes_m.min(axis=0), 1e3 * nodes_m.max(axis=0)
+    size = np.round(high - low, 6)
+    if size.min() < SIZE_MM[0] or size.max() > SIZE_MM[1]:
+        return (
+            f"has a bounding box of {_listed(size)} mm; each edge must be {SIZE_MM[0]:g} to {SIZE_MM[1]:g}: "
+            "is tissue.mesh_unit_mm right?"
+        )
+    if max(abs(low).max(), abs(high).max()) > FARTHEST_MM:
+        return f"has points from {_listed(low)} to {_listed(high)} mm; they must lie within +-{FARTHEST_MM:g}"
+    return None
+
+
+def _fault_of_tets(nodes_m: Vector, tets: Indices) -> str | None:
+    corners = nodes_m[tets]
+    volumes = np.abs(np.linalg.det(corners[:, 1:] - corners[:, :1])) / 6.0
+    pairs = [(a, b) for a in range(4) for b in range(a)]
+    edges = np.array([np.sum((corners[:, a] - corners[:, b]) ** 2, axis=1) for a, b in pairs])
+    shape = 6.0 * np.sqrt(2.0) * volumes / np.maximum(edges.mean(axis=0), np.finfo(float).tiny) ** 1.5
+    flat = np.flatnonzero(shape < FLATTEST)
+    if len(flat):
+        around = _listed(1e3 * corners[flat[0]].mean(axis=0))
+        return f"has {len(flat)} flat tetrahedra, such as number {flat[0]} (from 0) around {around} mm"
+    mean_mm = round(1e3 * float(np.cbrt(6.0 * volumes.mean())), 6)
+    if not ELEMENT_MM[0] <= mean_mm <= ELEMENT_MM[1]:
+        return f"has elements of {mean_mm:.3g} mm on average; {ELEMENT_MM[0]:g} to {ELEMENT_MM[1]:g} are allowed"
+    return None
+
+
+def _fault_of_joints(tets: Indices) -> str | None:
+    """Two tetrahedra share whole faces, and every one is reached from every other through faces."""
+    triangles = np.sort(
+        np.concatenate([tets[:, [1, 2, 3]], tets[:, [0, 2, 3]], tets[:, [0, 1, 3]], tets[:, [0, 1, 2]]])
+    )
+    order = np.lexsort(triangles.T)
+    same = (triangles[order][1:] == triangles[order][:-1]).all(axis=1)
+    if (same[1:] & same[:-1]).any() or len(np.unique(np.sort(tets), axis=0)) < len(tets):
+        return "has overlapping tetrahedra: a face belongs to more than two of them, or two have the same nodes"
+    owner = np.tile(np.arange(len(tets)), 4)[order]
+    first, second = owner[:-1][same], owner[1:][same]
+    graph = coo_array((np.ones(len(first), bool), (first, second)), shape=(len(tets), len(tets)))
+    parts, _ = connected_components(graph, directed=False)
+    if parts > 1:
+        return f"falls into {parts} parts that share no face; the tissue must be one body (are its nodes merged?)"
+    return None
+
+
+def _listed(values: Vector) -> str:
+    return "[" + ", ".join(f"{value:.6g}" for value in values) + "]"
