@@ -7,10 +7,10 @@ BIN := .venv/$(if $(filter Windows_NT,$(OS)),Scripts,bin)
 UV ?= $(firstword $(wildcard $(BIN)/uv) uv)
 ARGS ?=
 
-.PHONY: help run env check test test-fast lock image clean
+.PHONY: help run env check test test-fast verification lock image clean
 
 help:  ## this list
-	@awk -F ':.*## ' '/^[a-z-]+:.*## / { printf "  make %-10s %s\n", $$1, $$2 }' Makefile
+	@awk -F ':.*## ' '/^[a-z-]+:.*## / { printf "  make %-12s %s\n", $$1, $$2 }' Makefile
 
 run:  ## install what is missing, then one demo insertion through the service (ARGS="..." for needlebench demo)
 	@$(BOOTSTRAP) needlebench demo $(ARGS)
@@ -28,6 +28,10 @@ test: check  ## everything: lint, format, types and all tests
 
 test-fast: check  ## the same without the slow tests
 	$(BIN)/python -m pytest -m "not slow" $(ARGS)
+
+verification: env  ## run the physics tests and write benchmarks/results/verification.md (SOURCE_DATE=... for its header)
+	SOURCE_DATE="$${SOURCE_DATE:-$$(date -u +%Y-%m-%d)}" \
+	$(BIN)/python -m pytest tests/simcore --verification benchmarks/results/verification.md $(ARGS)
 
 lock: env  ## write requirements.lock anew from pyproject.toml (needs uv; ARGS=--upgrade for the newest versions)
 	@command -v $(UV) >/dev/null || { echo "make lock needs uv: pipx install uv"; exit 1; }

@@ -313,8 +313,9 @@ def refresh_elements(
 ) -> float:
     """Create, drop and take up elements after a converged step; returns the largest lateral gap (m) taken up.
 
-    Created: X_c is a spacing ahead of it. Dropped: the tip is half a spacing behind it (no chatter). Taken up again:
-    the tip reaches it. A new element is moved sideways onto the shaft, so that it begins without a force.
+    Created: X_c is a spacing ahead of it. Dropped: the tip is half a spacing behind it (no chatter), at the entry as
+    soon as the tip is outside. Taken up again: the tip reaches it; X_c a quarter of a spacing earlier, so that no tip
+    passes it unnoticed. A new element is moved sideways onto the shaft, so that it begins without a force.
     """
     length = element_length_m * (len(needle_x) - 1)
     end_dropped = channel.arc_m[0] > length + 0.5 * model.spacing_m
@@ -325,13 +326,14 @@ def refresh_elements(
             place = channel.position(model, j, x)
             guess = min(channel.arc_m[j], length)
             channel.arc_m[j] = project(needle_x, needle_R, element_length_m, place, guess)
-        if channel.active[j] and channel.arc_m[j] > length + 0.5 * model.spacing_m:
+        behind = channel.arc_m[j] - length  # of the tip behind this element
+        if channel.active[j] and behind > (0.0 if j == 1 else 0.5 * model.spacing_m):
             channel.active[j] = False
             channel.force_n[j] = 0.0
         elif not channel.created[j] and channel.depth_m[0] >= channel.depth_m[j] + ahead:
-            channel.created[j] = channel.active[j] = channel.arc_m[j] <= length
+            channel.created[j] = channel.active[j] = behind <= 0.0
             _onto_shaft(channel, model, j, x, needle_x, needle_R, element_length_m)
-        elif channel.created[j] and not channel.active[j] and channel.arc_m[j] <= length:
+        elif channel.created[j] and not channel.active[j] and behind <= (0.25 * model.spacing_m if j == 0 else 0.0):
             c, _, _, _, _ = shaft_frame(needle_x, needle_R, element_length_m, channel.arc_m[j])
             largest = max(largest, float(np.linalg.norm(c - channel.position(model, j, x))))
             channel.active[j] = True

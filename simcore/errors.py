@@ -41,6 +41,7 @@ class Status(StrEnum):
     INVERTED = "inverted"  # min det F <= 0.1 in some tetrahedron
     NOT_FINITE = "not_finite"  # NaN or infinity in the state
     NOT_POSITIVE_DEFINITE = "not_positive_definite"  # the stiffness could not be factored
+    TISSUE_LEFT = "tissue_left"  # the tip went out of the tissue elsewhere than where it came in
     CHANNEL_LEFT = "channel_left"  # a re-entering tip missed the channel that it had cut
 
 

@@ -59,7 +59,8 @@ class TissueResponse:
         """(k, unknowns) N: K dx - B^T dF, with the exact tangent K of the tissue."""
         c, t = self.c, self.c.tissue
         held = tangent_times(
-            dx, c.bodies.x, c.start.x, t.mesh.tets, t.gradients, t.volumes_m3, t.mu_pa, t.lambda_pa, c.rotations,
+            dx, c.bodies.x, c.start.x, t.mesh.tets, t.gradients, t.volumes_m3, t.mu_pa, t.lambda_pa,
+            c.blocks.rotations(),
             t.unknown, c.compliance.diagonal, t.stiffness_damping_s, c.dt_s,
         )  # fmt: skip
         return held - self.load(y)

@@ -30,6 +30,7 @@ from simcore.tissue import TissueModel
 Vector = NDArray[np.float64]
 
 PATH_POINTS_APART_M = 0.5e-3  # of the carried path; the chords of a 1 mm sine over 120 mm then miss it by 0.1 um
+OUTSIDE_M = 1e-3  # a contact point or channel end farther than this outside the rest shape has left the tissue
 RE_ENTRY_MISS_M = 2e-3  # a re-entering tip farther than this from its channel has left it
 
 
@@ -180,7 +181,7 @@ class Insertion:
         channel.mode[c.elements] = c.mode
         if channel.phase is Phase.CONTACT:
             slide_contact(channel, model, bodies.x, tip)
-            return report
+            return self._inside(channel, report)
         channel.arc_m[:] = c.all_arcs
         if channel.active[0] and channel.arc_m[0] < self.needle.length_m:
             advance_end(channel, model, bodies.x, tip)
@@ -193,7 +194,15 @@ class Insertion:
                 f"the tip re-enters {missed * 1e3:.2f} mm beside its channel, at most {RE_ENTRY_MISS_M * 1e3:g} mm"
             )
             return replace(report, status=Status.CHANNEL_LEFT, message=message)
-        return report
+        return self._inside(channel, report)
+
+    def _inside(self, channel: Channel, report: StepReport) -> StepReport:
+        """The report, or a failure if the contact point or the channel's end lies outside the tissue."""
+        outside = float(self.tissue.mesh.outside_by(channel.rest_m[:1])[0])
+        if outside <= OUTSIDE_M:
+            return report
+        message = f"the tip is {outside * 1e3:.2f} mm outside the tissue's rest shape, at most {OUTSIDE_M * 1e3:g} mm"
+        return replace(report, status=Status.TISSUE_LEFT, message=message)
 
 
 def rotation_towards(direction: Vector) -> Vector:

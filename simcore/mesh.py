@@ -60,6 +60,10 @@ class Mesh(ABC):
     def inward_normal(self, point_m: Vector) -> Vector:
         """(3,) unit normal, into the mesh, of the surface nearest to a point (3,) m."""
 
+    @abstractmethod
+    def outside_by(self, points_m: Vector) -> Vector:
+        """(n,) m: distances of points (n, 3), rest space, from the mesh; 0 inside."""
+
     def material(self, points_m: Vector) -> MaterialPoints:
         """The material points that are at points_m (k, 3) m at rest."""
         nodes, weights = zip(*(self.locate(point) for point in points_m), strict=True)
@@ -113,6 +117,10 @@ class BoxMesh(Mesh):
     def inward_normal(self, point_m: Vector) -> Vector:
         """Of the entry face, wherever the point is."""
         return np.array([0.0, 0.0, 1.0])
+
+    def outside_by(self, points_m: Vector) -> Vector:
+        """(n,) m: distances of points (n, 3), rest space, from the box; 0 inside."""
+        return np.asarray(np.linalg.norm(points_m - np.clip(points_m, 0.0, self.size_m), axis=1))
 
 
 def box_mesh(size_m: Vector, cells: tuple[int, int, int]) -> BoxMesh:

@@ -132,7 +132,10 @@ class Interaction(Block):
         "null = max(5, tissue.element_size_mm) [ours]",
     )
     spread_mm: Number = bounded(
-        4.0, 0.0, 20.0, "radius of the ball over which a point force is spread, 0 = bare point [ours]"
+        4.0,
+        0.0,
+        20.0,
+        "radius of the ball over which a point force is spread, 0 = bare point, else at least 0.1 [ours]",
     )
     friction: Number = bounded(0.1, 0.0, 1.0, "Coulomb coefficient; above 0.3 with a warning [ours]")
     adhesion_n_per_mm: Number = bounded(
@@ -213,13 +216,13 @@ class Robot(Block):
 class SharedModel(Block):
     """The model that is linearised is the plant itself [paper]."""
 
-    kind: Literal["shared"] = "shared"
+    kind: Literal["shared"] = Field(default="shared", description="shared or separate")
 
 
 class SeparateModel(Block):
     """The controller steps an insertion of its own with the executed base poses; all else is as in the plant."""
 
-    kind: Literal["separate"] = "separate"
+    kind: Literal["separate"] = Field(default="separate", description="shared or separate")
     young_kpa: Number = bounded(6.3, 0.1, 1000.0, "Young's modulus of the model [paper]")
     poisson: Number = bounded(0.4, 0.0, 0.49, "Poisson's ratio of the model [paper]")
     element_size_mm: Number = bounded(6.0, 1.0, 50.0, "edge of a cell of the model's mesh [ours]")
@@ -258,7 +261,7 @@ class InverseFem(Block):
     perturbation_mm: Number = bounded(
         0.05, 0.05, 1.0, "move of each dof for the perturbation Jacobian; rotations by the lever arm [ours]"
     )
-    model: IfemModel = SharedModel()
+    model: IfemModel = Field(default=SharedModel(), description="what is linearised [paper: shared]")
 
     @model_validator(mode="before")
     @classmethod
@@ -425,6 +428,8 @@ def _needle_problems(s: Scenario) -> list[Problem]:
     if spacing is not None and spacing < s.tissue.element_size_mm:
         allowed = f"must be at least tissue.element_size_mm = {s.tissue.element_size_mm:g}, closer rows lock; or null"
         problems.append(Problem("interaction.spacing_mm", spacing, allowed))
+    if 0.0 < s.interaction.spread_mm < 0.1:
+        problems.append(Problem("interaction.spread_mm", s.interaction.spread_mm, "must be 0 or 0.1 to 20"))
     return problems
 
 
@@ -439,10 +444,14 @@ def _tissue_problems(s: Scenario) -> list[Problem]:
         return problems
     if not s.tissue.fixed_faces:
         problems.append(Problem("tissue.fixed_faces", [], "must name at least one face"))
+    for axis, cells in zip("xyz", s.tissue.cells, strict=True):
+        if cells == 1 and {f"{axis}_min", f"{axis}_max"} <= set(s.tissue.fixed_faces):
+            allowed = f"gives one cell along {axis} between two fixed faces: nothing could move"
+            problems.append(Problem("tissue.element_size_mm", s.tissue.element_size_mm, allowed))
     for name, unset in (("fixed_sets", ()), ("mesh_unit_mm", 1.0), ("mesh_sha256", None)):
         value = getattr(s.tissue, name)
         if value != unset:
-            problems.append(Problem(f"tissue.{name}", value, "belongs to tissue.mesh_file, which is not given"))
+            problems.append(Problem(f"tissue.{name}", value, "must be left out: it belongs to tissue.mesh_file, which is not given"))
     return problems
 
 

@@ -44,7 +44,7 @@ Single = NDArray[np.float32]
 Indices = NDArray[np.int64]
 
 LEAST_DET_F = 0.1  # below it a tetrahedron counts as inverted
-REFACTOR_AFTER = 12  # iterations with one factor before it is renewed
+FIRST_TRY = 12  # iterations with the kept factor before it is renewed
 
 
 @dataclass(frozen=True)
@@ -109,40 +109,52 @@ class Coupled:
     ) -> tuple[Bodies, StepReport]:
         """Move the base to (position (3,) m, rotation (3, 3)) and find the new equilibrium; `channel` gets its forces.
 
-        `start` is not changed. The first iterate continues the last step's motion; the base's difference from that is
-        handed to the first correction as a prescribed displacement. held_shift_m: (3,) m, world, displacement of the
+        `start` is not changed. The first try continues the last step's motion with the kept factor; where it fails, a
+        second one begins at `start` with a new factor. The base's difference from the first iterate is handed to the
+        first correction as a prescribed displacement. held_shift_m: (3,) m, world, displacement of the
         held nodes from the reference shape at the end of the step; None = they stay.
         """
         self.start, self.channel = start, channel
-        self.bodies = bodies = self._extrapolated(start)
+        goal = (position, rotation, held_shift_m)
+        bodies, report = self._attempt(self._extrapolated(start), goal, min(FIRST_TRY, self.solver.max_iterations))
+        if report.status in (Status.COMPLETED, Status.INVERTED) or report.iterations >= self.solver.max_iterations:
+            return bodies, report
+        try:
+            self._renew_factor()
+        except NotPositiveDefinite as error:
+            return bodies, replace(report, status=Status.NOT_POSITIVE_DEFINITE, message=str(error))
+        left = self.solver.max_iterations - report.iterations
+        bodies, again = self._attempt(start.copy(), goal, left)
+        return bodies, replace(again, iterations=again.iterations + report.iterations, refactored=1)
+
+    def _renew_factor(self) -> None:
+        """Factor at the start of the step: an equilibrium, so that a failed step leaves nothing bad behind."""
+        self.blocks.evaluate(self.start.x, self.held)
+        self.compliance.refactor(self.blocks.rotations())
+
+    def _attempt(
+        self, bodies: Bodies, goal: tuple[Vector, Vector, Vector | None], allowed: int
+    ) -> tuple[Bodies, StepReport]:
+        """Iterate from `bodies`, which are moved, until converged or `allowed` corrections were made."""
+        position, rotation, held_shift_m = goal
+        self.bodies = bodies
         if held_shift_m is not None:
             self._move_held(bodies.x, held_shift_m)
         self.base_gap = np.concatenate([position - bodies.needle_x[0], log_map(rotation @ bodies.needle_R[0].T)])
-        self._begin(channel)
-        refactored, since = 0, 0
-        for iteration in range(self.solver.max_iterations + 1):
+        self._begin(self.channel)
+        for iteration in range(allowed + 1):
             residual, violation, law = self._evaluate()
-            report = StepReport(Status.COMPLETED, "", iteration, residual, violation, self.min_det_f, refactored)
-            if not np.isfinite([residual, violation, law]).all():
+            report = StepReport(Status.COMPLETED, "", iteration, residual, violation, self.min_det_f, 0)
+            if not np.isfinite([residual, violation, law, *self.base_gap]).all():
                 return bodies, replace(report, status=Status.NOT_FINITE, message=f"iteration {iteration} is not finite")
             if self._converged(residual, violation, law):
                 return bodies, self._checked(report)
-            if iteration == self.solver.max_iterations:
-                break
-            if since >= REFACTOR_AFTER:
-                refactored, since = refactored + 1, 0
-                try:
-                    self.compliance.refactor(self.blocks.rotations())
-                except NotPositiveDefinite as error:
-                    return bodies, replace(report, status=Status.NOT_POSITIVE_DEFINITE, message=str(error))
-                self.compliance.sync(channel)
-            if not self._correct():
+            if iteration < allowed and not self._correct():
                 return bodies, replace(report, status=Status.NOT_CONVERGED, message="no consistent contact state")
-            since += 1
         message = (
             f"residual {residual:.3g} N (allowed {self.solver.force_tolerance_n:g}), "
             f"violation {violation * 1e3:.3g} mm (allowed {self.solver.violation_tolerance_mm:g}), "
-            f"law {law:.3g} N after {iteration} iterations"
+            f"law {law:.3g} N after {allowed} iterations"
         )
         return bodies, replace(report, status=Status.NOT_CONVERGED, message=message)
 

@@ -6,11 +6,11 @@ from dataclasses import dataclass
 from itertools import product
 
 import numpy as np
-import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from simcore.contact_laws import solve_laws, staircases
+from tests.verification import verify
 
 Vector = np.ndarray
 LENGTH_M, CUTTING_N, PUNCTURE_N = 0.1, 0.1, 0.12
@@ -199,8 +199,11 @@ def test_surface_slip_is_opposite_to_its_friction() -> None:
     p.mode[:], p.arc[:] = 1, LENGTH_M
     force, _ = p.solved()
     slip = -p.gaps(force)[0, :2]
-    assert np.hypot(*force[0, :2]) == pytest.approx(0.2 * force[0, 2], rel=1e-9)
-    np.testing.assert_allclose(force[0, :2] / np.hypot(*force[0, :2]), slip / np.hypot(*slip), atol=1e-9)
+    size, numbers = np.hypot(*force[0, :2]), {"tolerance": 1e-9, "source": "Coulomb"}
+    text = "surface contact that slips over an anisotropic tissue"
+    verify("coupled", f"{text}: |friction| / normal force", expected=0.2, measured=size / force[0, 2], **numbers)
+    slipping = slip / np.hypot(*slip)
+    verify("coupled", f"{text}: direction of the friction", expected=slipping, measured=force[0, :2] / size, **numbers)
 
 
 def test_stick_and_slip_both_occur() -> None:

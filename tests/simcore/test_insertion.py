@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import partial
 from itertools import pairwise
 
 import numpy as np
@@ -25,10 +26,12 @@ from tests.simcore.conftest import (
     travel,
 )
 from tests.simcore.reference import FullNewton
+from tests.verification import verify
 
 Vector = np.ndarray
 CUTTING_N, ADHESION_N_PER_M = 0.1, 10.0  # the defaults of the scenario
-EVEN = {"tissue": {"element_size_mm": 6.5}}  # 4 x 6 x 9 cells: symmetric about the entry, like the 2 x 4 x 6 at 10 mm
+AXIAL = "straight insertion, PHYSICS section 3: f_cut + tau0 S"
+check, forces_check = partial(verify, "coupled"), partial(verify, "forces")
 
 
 @pytest.fixture(scope="module")
@@ -50,31 +53,44 @@ def test_forces_and_moments_balance_at_every_step(curved: Trip) -> None:
     """Base force = sum of point forces = reaction of the held faces; base moment = moment of the point forces."""
     tissue = curved.insertion.tissue
     fixed = tissue.unknown < 0
+    inner, moments, outer = [], [], []
     for before, after in pairwise(curved.states):
         base, force = after.base_wrench, after.point_forces_n
-        np.testing.assert_allclose(base[:3], force.sum(axis=0), atol=5e-8)
+        inner.append(base[:3] - force.sum(axis=0))
         inserted = after.channel.phase is Phase.INSERTED  # before, the tip slides over the surface beside its point
         arms = (after.points_m if inserted else after.tip_m) - after.base.position_m
-        np.testing.assert_allclose(base[3:], np.cross(arms, force).sum(axis=0), atol=5e-9)
+        moments.append(base[3:] - np.cross(arms, force).sum(axis=0))
         if before.channel.phase is after.channel.phase is Phase.INSERTED:
             load = FullNewton(curved.insertion, before, after.base, after.channel.mode).balls
             load = load[before.channel.active_elements()].T @ force
             reaction = (held(tissue, after.bodies.x)[0] - load)[fixed].sum(axis=0)
-            np.testing.assert_allclose(-reaction, base[:3], atol=2e-7)
+            outer.append(reaction + base[:3])
+    numbers = {"expected": 0, "source": "Newton's third law"}
+    check("base force - point forces, every step", measured=inner, tolerance=5e-8, unit="N", **numbers)
+    check("base moment - moment of the points, every step", measured=moments, tolerance=5e-9, unit="N m", **numbers)
+    check("base force + reaction of the held faces, every step", measured=outer, tolerance=2e-7, unit="N", **numbers)
 
 
-def test_no_locking(curved: Trip) -> None:
-    """PHYSICS section 3: rows closer than the mesh can resolve fight each other (a ratio of 118 was seen below h). At
-    spacing / h = 1, 1.25 and 1.5 the sum of |lambda_n| is the same: the default has no forces of its own."""
-    sums = [lateral_sum(curved)]
-    sums += [lateral_sum(curved_trip(interaction={"spacing_mm": spacing})) for spacing in (12.5, 15.0)]
-    assert max(sums) < 1.1 * min(sums)
-    assert min(sums) > 0.1
+@pytest.mark.parametrize("element_mm", [10.0, 7.5, 6.0])
+def test_no_locking(element_mm: float) -> None:
+    """PHYSICS section 3: rows closer than the mesh can resolve fight each other (a ratio of 118 was seen below h). From
+    spacing / h = 1 to 2 the sum of |lambda_n| is that of the resultant, and changes little: no forces of its own."""
+    shares, tissue = (1.0, 1.25, 1.5, 1.75, 2.0), {"element_size_mm": element_mm}
+    spacings = [{"spacing_mm": share * element_mm} for share in shares]
+    loads = np.array([lateral_load(curved_trip(FORWARD_M, tissue=tissue, interaction=s)) for s in spacings])
+    text, source = f"bent push, h = {element_mm:g} mm, spacing / h = 1 to 2", "no locking, PHYSICS section 3"
+    ratio = loads[:, 0] / loads[:, 1]
+    check(f"{text}: sum |lambda_n| / |sum lambda_n|", expected=1, measured=ratio, tolerance=0.05, source=source)
+    spread = loads[:, 0] / loads[0, 0]
+    check(f"{text}: sum |lambda_n| / that at 1", expected=1, measured=spread, tolerance=0.1, source=source)
+    assert loads.min() > 0.1
 
 
-def lateral_sum(trip: Trip) -> float:
-    """Largest sum of |lambda_n| over the trip, N; the shaft leans by 3 degrees at most, so lateral is x and y."""
-    return max(float(np.linalg.norm(s.point_forces_n[:, :2], axis=1).sum()) for s in trip.states)
+def lateral_load(trip: Trip) -> tuple[float, float]:
+    """Sum of |lambda_n| and |sum of lambda_n|, N, at the step of the largest load; lateral is x and y: the shaft
+    leans by 3 degrees at most."""
+    lateral = max((s.point_forces_n[:, :2] for s in trip.states), key=lambda f: float(np.linalg.norm(f.sum(axis=0))))
+    return float(np.linalg.norm(lateral, axis=1).sum()), float(np.linalg.norm(lateral.sum(axis=0)))
 
 
 # phases
@@ -85,8 +101,10 @@ def test_signorini_before_puncture() -> None:
     trip = straight_trip(np.array([-1e-4, 2e-4, 4e-4, 1e-4, -1e-4]), interaction={"puncture_n": 1.0})
     forces = [state.base_wrench[2] for state in trip.states]
     surface = [s.channel.position(trip.insertion.channel_model, 0, s.bodies.x)[2] for s in trip.states]
-    np.testing.assert_allclose([forces[1], forces[5]], 0.0, atol=1e-8)
-    np.testing.assert_allclose(surface[2:5], [2e-4, 4e-4, 1e-4], atol=1e-6)
+    text, numbers = "before puncture", {"source": "Signorini: force or gap"}
+    check(f"{text}: force without contact", expected=0, measured=forces[1::4], tolerance=1e-8, unit="N", **numbers)
+    depths = [2e-4, 4e-4, 1e-4]
+    check(f"{text}: depth of the surface", expected=depths, measured=surface[2:5], tolerance=1e-6, unit="m", **numbers)
     assert 0.0 < forces[4] < forces[2] < forces[3]
     assert forces[3] / forces[2] == pytest.approx(2.0, rel=0.05)  # nearly linear: a spring of the entry
     assert np.abs(tissue_offset(trip, trip.states[5])).max() < 1e-9
@@ -99,25 +117,32 @@ def test_puncture_at_its_force(puncture_n: float) -> None:
     forces = np.array([state.base_wrench[2] for state in trip.states])
     opened = next(i for i, s in enumerate(trip.states) if s.channel.phase is Phase.INSERTED)
     per_step = forces[opened - 1] - forces[opened - 2]
-    assert puncture_n - per_step < forces[opened - 1] <= puncture_n + 1e-8
+    assert forces[opened - 1] <= puncture_n + 1e-8
+    numbers = {"expected": puncture_n, "measured": forces[opened - 1], "tolerance": per_step, "unit": "N"}
+    forces_check(f"contact force before puncture at {puncture_n:g} N, steps of 0.02 mm", **numbers, source="Signorini")
     after = trip.states[opened]
     assert forces[opened] == pytest.approx(CUTTING_N + ADHESION_N_PER_M * after.inserted_m, abs=1e-8)
 
 
-@pytest.mark.parametrize("blocks", [{}, EVEN], ids=["10 mm", "6.5 mm"])
-@pytest.mark.parametrize("spacing_mm", [10.0, 13.0])
-def test_axial_force_law(blocks: dict[str, dict[str, object]], spacing_mm: float) -> None:
-    """PHYSICS section 3: f_cut + tau0 S while cutting, -tau0 S while every point slips back, whatever h and spacing."""
+@pytest.mark.parametrize(
+    ("element_mm", "spacing_mm"),
+    [(10.0, 10.0), (10.0, 13.0), (10.0, 20.0), (6.5, 6.5), (6.5, 13.0), (4.0, 5.0), (4.0, 8.0)],
+)
+def test_axial_force_law(element_mm: float, spacing_mm: float) -> None:
+    """PHYSICS section 3: f_cut + tau0 S while cutting, -tau0 S while every point slips back, whatever h and spacing.
+    All three meshes have even counts of cells across: symmetric about the entry."""
     depths = [*(np.arange(1, 41) * 1e-3), *(0.04 - np.arange(1, 36) * 1e-3)]
-    trip = straight_trip(np.array(depths), **blocks, interaction={"spacing_mm": spacing_mm})
+    tissue = {"element_size_mm": element_mm}
+    trip = straight_trip(np.array(depths), tissue=tissue, interaction={"spacing_mm": spacing_mm})
     pushing = [s for s in trip.states[:41] if s.inserted_m > 0]
     pulling = [s for s in trip.states[41:] if (s.channel.mode[s.channel.active_elements()] == 0).all()]
     assert len(pushing) > 35
     assert len(pulling) > 20
-    for s in pushing:
-        assert s.base_wrench[2] == pytest.approx(CUTTING_N + ADHESION_N_PER_M * s.inserted_m, rel=1e-4)
-    for s in pulling:
-        assert s.base_wrench[2] == pytest.approx(-ADHESION_N_PER_M * s.inserted_m, rel=1e-4)
+    for name, states, cutting, sign in (("pushing", pushing, CUTTING_N, 1.0), ("pulling", pulling, 0.0, -1.0)):
+        expected = [cutting + sign * ADHESION_N_PER_M * s.inserted_m for s in states]
+        numbers = {"expected": expected, "measured": [s.base_wrench[2] for s in states], "unit": "N"}
+        text = f"axial force {name}, h = {element_mm:g} mm, spacing {spacing_mm:g} mm"
+        forces_check(text, **numbers, tolerance=1e-4, relative=True, source=AXIAL)
 
 
 def test_pulled_out_it_leaves_no_force(cycle: Trip) -> None:
@@ -126,7 +151,8 @@ def test_pulled_out_it_leaves_no_force(cycle: Trip) -> None:
     assert out.tip_m[2] == pytest.approx(-0.01, abs=1e-9)
     assert out.inserted_m == 0.0
     assert len(out.points_m) == 0
-    assert np.abs(out.base_wrench).max() < 1e-8
+    text, source = "pulled out: force and moment left on the base", "quasi-static elasticity has no memory"
+    forces_check(text, expected=0, measured=out.base_wrench, tolerance=1e-8, source=source, unit="N")
     assert np.abs(tissue_offset(cycle, out)).max() < 1e-9
 
 
@@ -141,8 +167,10 @@ def test_pushed_in_again_it_does_not_cut_before_the_channel_end(cycle: Trip) -> 
     for s in free:
         assert s.base_wrench[2] <= ADHESION_N_PER_M * s.inserted_m + 1e-8
         assert s.channel.length_m == length
-    for s in beyond:
-        assert s.base_wrench[2] == pytest.approx(CUTTING_N + ADHESION_N_PER_M * s.inserted_m, rel=1e-6)
+    expected = [CUTTING_N + ADHESION_N_PER_M * s.inserted_m for s in beyond]
+    numbers = {"expected": expected, "measured": [s.base_wrench[2] for s in beyond], "unit": "N"}
+    text = "axial force pushed in again, beyond the old channel end"
+    forces_check(text, **numbers, tolerance=1e-6, relative=True, source=AXIAL)
 
 
 # energy
@@ -158,9 +186,11 @@ def test_dissipation_never_falls_and_adds_up(cycle: Trip) -> None:
     stored = np.array([held(cycle.insertion.tissue, s.bodies.x)[2] for s in states])
     dissipated = work - stored
     assert stored.max() > 2e-4
-    assert np.diff(dissipated).min() > -5e-8
-    length = states[-1].channel.length_m
-    assert dissipated[-1] == pytest.approx(CUTTING_N * length + ADHESION_N_PER_M * length**2, rel=0.03)
+    text, source = "push, hold and pull, straight", "first law, quasi-static: work - stored energy"
+    lost, length = max(-np.diff(dissipated).min(), 0.0), states[-1].channel.length_m
+    check(f"{text}: dissipation lost in a step", expected=0, measured=lost, tolerance=5e-8, source=source, unit="J")
+    numbers = {"expected": CUTTING_N * length + ADHESION_N_PER_M * length**2, "measured": dissipated[-1], "unit": "J"}
+    check(f"{text}: dissipation", **numbers, tolerance=0.03, relative=True, source=f"{source} = f_cut S + tau0 S^2")
 
 
 def test_external_work_covers_the_stored_energy(curved: Trip) -> None:
@@ -173,7 +203,8 @@ def test_external_work_covers_the_stored_energy(curved: Trip) -> None:
         mean = 0.5 * (a.base_wrench + b.base_wrench)
         work += mean[:3] @ shift + mean[3:] @ spin
         least = min(least, work - held(curved.insertion.tissue, b.bodies.x)[2])
-    assert least > -1e-7
+    text, source = "bent push, pull and push: energy stored beyond the work done", "first law, quasi-static"
+    check(text, expected=0, measured=max(-least, 0.0), tolerance=1e-7, source=source, unit="J")
     assert work > 5e-3
 
 
@@ -189,8 +220,10 @@ def test_results_do_not_depend_on_the_solver_tolerance(curved: Trip, exponent: i
     pairs = list(zip(loose.states, curved.states, strict=True))
     tip = max(np.abs(a.tip_m - b.tip_m).max() for a, b in pairs)
     force = max(np.abs(a.base_wrench[:3] - b.base_wrench[:3]).max() for a, b in pairs)
-    assert tip < 0.02 * tolerance
-    assert force < 3.0 * tolerance
+    text, source = f"solver tolerances {tolerance:g} N, {tolerance:g} mm", "the same trip at 3e-9 N, 1e-9 mm"
+    numbers = {"expected": 0, "source": source}
+    check(f"{text}: tip, every step", measured=1e3 * tip, tolerance=20.0 * tolerance, unit="mm", **numbers)
+    check(f"{text}: base force, every step", measured=force, tolerance=3.0 * tolerance, unit="N", **numbers)
 
 
 @pytest.mark.parametrize("axis", [0, 1])
@@ -208,8 +241,10 @@ def test_a_reflected_path_gives_the_reflected_tip(axis: int) -> None:
         states = travel(insertion, insertion.initial_state(AHEAD), poses)
         tips.append(np.array([s.tip_m for s in states]))
         forces.append(np.array([s.base_wrench[:3] for s in states]))
-    np.testing.assert_allclose(tips[1], tips[0] @ mirror + shift, atol=1e-10)
-    np.testing.assert_allclose(forces[1], forces[0] @ mirror, atol=1e-7)
+    text, numbers = f"path reflected in {'xy'[axis]}", {"expected": 0, "source": "symmetry of block and mesh"}
+    misses = tips[1] - (tips[0] @ mirror + shift), forces[1] - forces[0] @ mirror
+    verify("tissue", f"{text}: reflected tip", measured=misses[0], tolerance=1e-10, unit="m", **numbers)
+    verify("tissue", f"{text}: reflected force", measured=misses[1], tolerance=1e-7, unit="N", **numbers)
 
 
 # failures
@@ -252,9 +287,7 @@ DIVERGING = [
 @pytest.mark.parametrize(
     "absurd",
     [
-        pytest.param(
-            DIVERGING, marks=pytest.mark.xfail(strict=True, reason="a diverged factor is kept"), id="diverging"
-        ),
+        pytest.param(DIVERGING, id="diverging"),
         pytest.param([JUMPS["inverted"][:2]], id="inverting"),
     ],
 )

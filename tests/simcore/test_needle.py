@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -26,9 +27,11 @@ from simcore.needle import (
 from simcore.rotations import exp_map
 from simcore.scenario import Needle
 from simcore.shaft import shaft_columns, shaft_frame, shaft_scatter, shaft_weights
+from tests.verification import verify
 
 Vector = np.ndarray
 EIGHTEEN_GAUGE = NeedleModel.from_scenario(Needle())
+check = partial(verify, "needle")
 RIGID = 1e6  # EA and kGA of the inextensible rods: EI / (EA L^2) = 1e-6
 
 
@@ -88,15 +91,13 @@ def loaded(model: NeedleModel, load: Vector, steps: int, x: Vector, R: Vector) -
 
 def test_section_of_the_18_gauge_needle() -> None:
     # PHYSICS section 2: EI = 2.07e-2 N m2, Cowper's coefficient 0.565
-    assert EIGHTEEN_GAUGE.bending_nm2 == pytest.approx(2.07e-2, abs=5e-5)
+    numbers = {"expected": 2.07e-2, "measured": EIGHTEEN_GAUGE.bending_nm2, "tolerance": 5e-5, "unit": "N m2"}
+    check("18G: EI", **numbers, source="PHYSICS section 2")
     assert EIGHTEEN_GAUGE.torsion_nm2 == pytest.approx(EIGHTEEN_GAUGE.bending_nm2 / 1.29, rel=1e-12)
-    assert cowper_coefficient(0.838 / 1.27, 0.29) == pytest.approx(0.565, abs=5e-4)
-    assert cowper_coefficient(0.0, 0.3) == pytest.approx(
-        6 * 1.3 / (7 + 6 * 0.3), rel=1e-12
-    )  # Cowper: solid circle
-    assert cowper_coefficient(1.0, 0.3) == pytest.approx(
-        2 * 1.3 / (4 + 3 * 0.3), rel=1e-12
-    )  # Cowper: thin tube
+    coefficient = cowper_coefficient(0.838 / 1.27, 0.29)
+    check("18G: shear coefficient", expected=0.565, measured=coefficient, tolerance=5e-4, source="Cowper 1966")
+    assert cowper_coefficient(0.0, 0.3) == pytest.approx(6 * 1.3 / (7 + 6 * 0.3), rel=1e-12)  # Cowper: solid circle
+    assert cowper_coefficient(1.0, 0.3) == pytest.approx(2 * 1.3 / (4 + 3 * 0.3), rel=1e-12)  # Cowper: thin tube
 
 
 @pytest.mark.parametrize(
@@ -126,9 +127,7 @@ def test_an_impossible_section_is_refused(change: dict[str, float], message: str
 def test_tangent_is_the_derivative_of_the_forces(model: NeedleModel) -> None:
     x, R = bent(model)
     n, length = model.elements, model.element_length_m
-    scale = np.tile(
-        [length] * 3 + [1.0] * 3, n + 1
-    )  # makes forces and moments, metres and radians comparable
+    scale = np.tile([length] * 3 + [1.0] * 3, n + 1)  # makes forces and moments, metres and radians comparable
     exact = dense(*evaluate(model, x, R)[1:]) * scale[:, None] * scale
     differences = np.empty_like(exact)
     for j in range(6 * (n + 1)):
@@ -139,18 +138,23 @@ def test_tangent_is_the_derivative_of_the_forces(model: NeedleModel) -> None:
             advance(moved_x, moved_R, dq)
             sides.append(evaluate(model, moved_x, moved_R)[0].ravel() * scale)
         differences[:, j] = (sides[0] - sides[1]) / 2e-5
-    spins = np.arange(6 * (n + 1)) % 6 > 2
+    spins, misses = np.arange(6 * (n + 1)) % 6 > 2, []
     for block in (np.ix_(spins, spins), np.ix_(~spins, spins), np.ix_(spins, ~spins), np.ix_(~spins, ~spins)):
-        np.testing.assert_allclose(exact[block], differences[block], atol=1e-6 * np.abs(exact[block]).max())
+        misses.append((exact[block] - differences[block]).ravel() / np.abs(exact[block]).max())
+    text = f"tangent of {model.elements} bent beams against differences, share of each of four blocks"
+    source = "central differences; Battini and Pacoste 2002"
+    check(text, expected=0, measured=np.concatenate(misses), tolerance=1e-6, source=source)
 
 
 def test_rigid_motion_costs_nothing() -> None:
-    model, rng = EIGHTEEN_GAUGE, np.random.default_rng(5)
+    model, rng, shares = EIGHTEEN_GAUGE, np.random.default_rng(5), []
     stiffness = np.array([model.axial_n] * 3 + [model.bending_nm2 / model.element_length_m] * 3)
     for _ in range(5):
         x, R = straight(model, rng.normal(size=3), Rotation.random(rng=rng).as_matrix())
         rounding = 4 * np.finfo(float).eps * np.abs(x).max() / model.element_length_m  # as a strain
-        assert (np.abs(evaluate(model, x, R)[0]) < rounding * stiffness).all()
+        shares.append(evaluate(model, x, R)[0] / stiffness / rounding)
+    text = "rigid motion: largest force and moment, in units of the rounding of the strain"
+    check(text, expected=0, measured=shares, tolerance=1, source="frame indifference, Truesdell and Noll")
 
 
 def test_forces_turn_with_the_needle() -> None:
@@ -160,7 +164,11 @@ def test_forces_turn_with_the_needle() -> None:
     turn = Rotation.random(rng=np.random.default_rng(7)).as_matrix()
     rigid_move(x, R, np.array([0.3, 0.0, -0.1]), turn @ R[0])
     expected = np.concatenate([before[:, :3] @ turn.T, before[:, 3:] @ turn.T], axis=1)
-    np.testing.assert_allclose(evaluate(model, x, R)[0], expected, atol=1e-11 * model.axial_n)
+    miss, text = (
+        (evaluate(model, x, R)[0] - expected) / model.axial_n,
+        "forces of a bent needle turn with it, share of EA",
+    )
+    check(text, expected=0, measured=miss, tolerance=1e-11, source="frame indifference, Truesdell and Noll")
 
 
 def test_mirrored_state_has_mirrored_forces() -> None:
@@ -186,14 +194,17 @@ def test_internal_forces_and_moments_balance() -> None:
 
 
 @pytest.mark.parametrize("axis", [0, 1])
-@pytest.mark.parametrize("shear_n", [1e4, 0.5], ids=["slender", "shear-dominated"])
-def test_small_tip_deflection_is_timoshenkos(axis: int, shear_n: float) -> None:
+@pytest.mark.parametrize(("shear_n", "name"), [(1e4, "slender"), (0.5, "shear-dominated")])
+def test_small_tip_deflection_is_timoshenkos(axis: int, shear_n: float, name: str) -> None:
     # P L^3 / 3EI + P L / kGA, slope P L^2 / 2EI (Timoshenko & Gere); exact at the nodes whatever their number
     model, load = unit_rod(3, shear_n=shear_n), 1e-4
     x, R = straight(model, np.zeros(3), np.eye(3))
     solution = loaded(model, load * np.eye(6)[axis], 1, x, R)
-    assert solution.x[-1, axis] == pytest.approx(load / 3 + load / shear_n, rel=1e-6)
-    assert solution.R[-1, axis, 2] == pytest.approx(load / 2, rel=1e-6)
+    tip, slope = solution.x[-1, axis], solution.R[-1, axis, 2]
+    text, source = f"cantilever, {name}, load along {'xy'[axis]}", "Timoshenko and Gere: P L^3 / 3 EI + P L / kGA"
+    numbers = {"tolerance": 1e-6, "relative": True, "source": source}
+    check(f"{text}: tip deflection / L", expected=load / 3 + load / shear_n, measured=tip, **numbers)
+    check(f"{text}: slope of the tip", expected=load / 2, measured=slope, **numbers)
     assert abs(solution.x[-1, 1 - axis]) < 1e-12
 
 
@@ -201,10 +212,9 @@ def test_stretch_and_twist_are_hookes() -> None:
     model = unit_rod(4, axial_n=20.0)
     x, R = straight(model, np.zeros(3), np.eye(3))
     solution = loaded(model, np.array([0, 0, 2.0, 0, 0, 0.7]), 1, x, R)
-    assert solution.x[-1, 2] == pytest.approx(1.1, rel=1e-10)  # P L / EA
-    np.testing.assert_allclose(
-        Rotation.from_matrix(solution.R[-1]).as_rotvec(), [0, 0, 0.7], atol=1e-10
-    )  # T L / GJ
+    turn = Rotation.from_matrix(solution.R[-1]).as_rotvec()
+    check("stretch P L / EA", expected=1.1, measured=solution.x[-1, 2], tolerance=1e-10, source="Hooke")
+    check("twist T L / GJ", expected=[0, 0, 0.7], measured=turn, tolerance=1e-10, source="Saint-Venant", unit="rad")
 
 
 @pytest.mark.parametrize(
@@ -216,8 +226,9 @@ def test_elastica(load: float, deflection: float, shortening: float) -> None:
     model = unit_rod(40)
     x, R = straight(model, np.zeros(3), np.eye(3))
     tip = loaded(model, np.array([0, load, 0, 0, 0, 0.0]), 5, x, R).x[-1]
-    assert tip[1] == pytest.approx(deflection, abs=1.2e-4)
-    assert 1.0 - tip[2] == pytest.approx(shortening, abs=3e-5)
+    text, source = f"elastica, P L^2 / EI = {load}", "Bisshopp and Drucker 1945, Mattiasson 1981"
+    check(f"{text}: deflection / L", expected=deflection, measured=tip[1], tolerance=1.2e-4, source=source)
+    check(f"{text}: shortening / L", expected=shortening, measured=1.0 - tip[2], tolerance=3e-5, source=source)
     assert abs(tip[0]) < 1e-10
 
 
@@ -226,10 +237,12 @@ def test_end_moment_rolls_the_needle_up_to_a_circle() -> None:
     model = unit_rod(20)
     x, R = straight(model, np.zeros(3), np.eye(3))
     solution = loaded(model, np.array([0, 0, 0, 2 * np.pi, 0, 0]), 10, x, R)
-    np.testing.assert_allclose(solution.x[-1], solution.x[0], atol=1e-8)
+    text, source = "roll-up by M = 2 pi EI / L: gap of the circle / L", "Euler: constant curvature M / EI"
+    check(text, expected=0, measured=solution.x[-1] - solution.x[0], tolerance=1e-8, source=source)
     np.testing.assert_allclose(solution.R[-1], np.eye(3), atol=1e-8)
     radii = np.linalg.norm(solution.x[:-1] - solution.x[:-1].mean(axis=0), axis=1)
-    np.testing.assert_allclose(radii, 1.0 / (40 * np.sin(np.pi / 20)), rtol=1e-8)
+    expected, text = 1.0 / (40 * np.sin(np.pi / 20)), "roll-up: radius of the polygon of 20 beams / L"
+    check(text, expected=expected, measured=radii, tolerance=1e-8, relative=True, source=source)
 
 
 def arc(elements: int) -> tuple[NeedleModel, Vector, Vector]:
@@ -264,13 +277,16 @@ def test_45_degree_bend() -> None:
     # E = 1e7, nu = 0, GJ = 8.333e5; rod: Reissner rod integrated independently (PHYSICS section 10)
     model, x, R = arc(16)
     rod = {300: (22.245, 58.779, 40.192), 600: (15.685, 47.150, 53.475)}
-    bathe = {300: (22.5, 59.2, 39.5), 600: (15.9, 47.2, 53.4)}  # Bathe & Bolourchi 1979
-    simo = {300: (22.33, 58.84, 40.08), 600: (15.79, 47.23, 53.37)}  # Simo & Vu-Quoc 1986
+    bathe = {300: (22.5, 59.2, 39.5), 600: (15.9, 47.2, 53.4)}
+    simo = {300: (22.33, 58.84, 40.08), 600: (15.79, 47.23, 53.37)}
     for load in (300, 600):
-        solution = loaded(model, np.array([0, 0, load, 0, 0, 0.0]), load // 50, x, R)
-        np.testing.assert_allclose(solution.x[-1], rod[load], atol=0.02)
-        np.testing.assert_allclose(solution.x[-1], bathe[load], rtol=0.02)
-        np.testing.assert_allclose(solution.x[-1], simo[load], rtol=0.01)
+        tip = loaded(model, np.array([0, 0, load, 0, 0, 0.0]), load // 50, x, R).x[-1]
+        text = f"45-degree bend, P = {load}, GJ = 8.333e5: tip"
+        check(text, expected=rod[load], measured=tip, tolerance=0.02, source="Reissner rod integrated apart")
+        check(
+            text, expected=bathe[load], measured=tip, tolerance=0.02, relative=True, source="Bathe and Bolourchi 1979"
+        )
+        check(text, expected=simo[load], measured=tip, tolerance=0.01, relative=True, source="Simo and Vu-Quoc 1986")
 
 
 def test_euler_buckling_load() -> None:
@@ -285,7 +301,8 @@ def test_euler_buckling_load() -> None:
         return float(np.linalg.eigvalsh(K)[0])
 
     critical = brentq(smallest_stiffness, 1.0, 4.0, rtol=1e-8)
-    assert critical == pytest.approx(np.pi**2 / 4, rel=0.01)
+    numbers = {"expected": np.pi**2 / 4, "measured": critical, "tolerance": 0.01, "relative": True}
+    check("buckling load of a cantilever, P L^2 / EI", **numbers, source="Euler, pi^2 / 4")
 
 
 # solvers and moves
@@ -299,9 +316,7 @@ def test_block_solver_is_numpys() -> None:
     solve_blocks(*factor_blocks(diag[1:], upper[1:], lower[1:]), upper[1:], solution)
     expected = np.linalg.solve(dense(diag, upper, lower)[6:, 6:], rhs.reshape(-1, 66)).reshape(rhs.shape)
     for rows in (slice(0, 3), slice(3, 6)):
-        np.testing.assert_allclose(
-            solution[:, rows], expected[:, rows], atol=1e-9 * np.abs(expected[:, rows]).max()
-        )
+        np.testing.assert_allclose(solution[:, rows], expected[:, rows], atol=1e-9 * np.abs(expected[:, rows]).max())
 
 
 def test_block_solver_pivots_inside_a_block() -> None:
@@ -318,9 +333,7 @@ def test_static_failures_have_names() -> None:
     x, R = straight(model, np.zeros(3), np.eye(3))
     external = np.zeros((5, 6))
     external[-1, 0] = 1.0
-    assert (
-        solve_static(model, x, R, external, tolerance=1e-9, max_iterations=1).status is Status.NOT_CONVERGED
-    )
+    assert solve_static(model, x, R, external, tolerance=1e-9, max_iterations=1).status is Status.NOT_CONVERGED
     external[-1, 0] = math.nan
     assert solve_static(model, x, R, external, tolerance=1e-9).status is Status.NOT_FINITE
 
@@ -361,9 +374,7 @@ def test_shaft_of_a_straight_needle_is_a_line() -> None:
 def test_shaft_passes_through_the_nodes_along_their_tangents() -> None:
     x, R = bent(EIGHTEEN_GAUGE)
     for i in range(len(x)):
-        c, dc, _, _, _ = shaft_frame(
-            x, R, EIGHTEEN_GAUGE.element_length_m, i * EIGHTEEN_GAUGE.element_length_m
-        )
+        c, dc, _, _, _ = shaft_frame(x, R, EIGHTEEN_GAUGE.element_length_m, i * EIGHTEEN_GAUGE.element_length_m)
         np.testing.assert_allclose(c, x[i], atol=1e-14)
         np.testing.assert_allclose(dc, R[i, :, 2], atol=1e-12)
 
@@ -399,9 +410,7 @@ def test_shaft_gradient_is_the_derivative_of_the_shaft(s: float, order: int) -> 
             dq, moved_x, moved_R = np.zeros((model.elements + 1, 6)), x.copy(), R.copy()
             dq[e + j // 6, j % 6] = sign * h
             advance(moved_x, moved_R, dq)
-            differences[:, j] += (
-                sign * shaft_frame(moved_x, moved_R, model.element_length_m, s)[order] / (2 * h)
-            )
+            differences[:, j] += sign * shaft_frame(moved_x, moved_R, model.element_length_m, s)[order] / (2 * h)
     np.testing.assert_allclose(columns, differences, atol=1e-8 * np.abs(columns).max())
 
 

@@ -25,6 +25,7 @@ from simcore.rollout import UNDIGESTED, Rollout, digest, run
 from simcore.rotations import log_map, matrix_from_quaternion
 from simcore.scenario import Scenario
 from tests.strategies import small_runs
+from tests.verification import verify
 
 ROOT = Path(__file__).resolve().parents[2]
 STEPS = 41
@@ -92,6 +93,15 @@ def state_of(rollout: Rollout) -> dict[str, np.ndarray]:
 # ---- reproducible to the bit
 
 
+def verify_same(text: str, digests: list[str], expected: str) -> None:
+    """Every digest is the expected one."""
+    different = sum(found != expected for found in digests)
+    source = "definition: one scenario, one result, issue 3"
+    verify(
+        "reproducibility", f"digests that differ: {text}", expected=0, measured=different, tolerance=0, source=source
+    )
+
+
 def test_a_run_completes_and_succeeds(plain: Rollout) -> None:
     assert plain.status is Status.COMPLETED
     assert plain.message == ""
@@ -101,7 +111,7 @@ def test_a_run_completes_and_succeeds(plain: Rollout) -> None:
 
 def test_twice_is_the_same_to_the_bit(plain: Rollout) -> None:
     again = run(short())
-    assert again.digest == plain.digest
+    verify_same("a second run", [again.digest], plain.digest)
     for name, array in state_of(plain).items():
         np.testing.assert_array_equal(again.series[name], array, err_msg=name)
 
@@ -111,13 +121,13 @@ def test_twice_is_the_same_to_the_bit(plain: Rollout) -> None:
 )
 def test_recording_does_not_change_the_digest(plain: Rollout, recording: dict[str, Any]) -> None:
     other = run(short(recording=recording), Watcher())
-    assert other.digest == plain.digest
+    verify_same(f"recording {json.dumps(recording)}", [other.digest], plain.digest)
     np.testing.assert_array_equal(other.series["tissue_m"][-1], plain.series["tissue_m"][-1])
 
 
 def test_other_runs_in_between_do_not_matter(plain: Rollout) -> None:
     run(short(seed=99, tissue={"young_kpa": 2.0}))
-    assert run(short()).digest == plain.digest
+    verify_same("after runs of another seed and stiffness", [run(short()).digest], plain.digest)
 
 
 def test_a_round_trip_through_json_does_not_matter(plain: Rollout) -> None:
@@ -166,14 +176,15 @@ def digest_elsewhere(scenario: Scenario, **environment: str) -> str:
 
 def test_another_process_gives_the_same_digest(plain: Rollout) -> None:
     threads = {"OMP_NUM_THREADS": "2", "OPENBLAS_NUM_THREADS": "2", "PYTHONHASHSEED": "7"}
-    assert digest_elsewhere(short(), **threads) == plain.digest
+    verify_same("another process, two threads asked for", [digest_elsewhere(short(), **threads)], plain.digest)
 
 
 @pytest.mark.slow
 def test_a_cold_cache_gives_the_same_digest(plain: Rollout, tmp_path: Path) -> None:
-    assert digest_elsewhere(short(), NUMBA_CACHE_DIR=str(tmp_path)) == plain.digest
+    cold = digest_elsewhere(short(), NUMBA_CACHE_DIR=str(tmp_path))
     assert any(tmp_path.rglob("*.nbc"))
-    assert digest_elsewhere(short(), NUMBA_CACHE_DIR=str(tmp_path)) == plain.digest
+    warm = digest_elsewhere(short(), NUMBA_CACHE_DIR=str(tmp_path))
+    verify_same("cold kernel cache, then warm", [cold, warm], plain.digest)
 
 
 # ---- the seed

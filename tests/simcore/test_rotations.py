@@ -67,8 +67,7 @@ def test_inverse_left_jacobian_is_the_derivative_of_log(direction: np.ndarray, a
     w, h = turn(direction, angle), 1e-5
     R = rotations.exp_map(w)
     columns = [
-        (rotations.log_map(rotations.exp_map(h * e) @ R) - rotations.log_map(rotations.exp_map(-h * e) @ R))
-        / (2 * h)
+        (rotations.log_map(rotations.exp_map(h * e) @ R) - rotations.log_map(rotations.exp_map(-h * e) @ R)) / (2 * h)
         for e in np.eye(3)
     ]
     np.testing.assert_allclose(rotations.inverse_left_jacobian(w), np.array(columns).T, atol=2e-8)
@@ -86,9 +85,7 @@ def test_jacobian_coefficients_meet_where_the_series_ends() -> None:
 @pytest.mark.parametrize("angle2", [1e-8, 0.01, 0.2, 0.3, 2.0, 8.0])
 def test_mu_is_the_derivative_of_eta(angle2: float) -> None:
     da = 1e-4 * angle2
-    difference = (
-        rotations.jacobian_coefficients(angle2 + da)[0] - rotations.jacobian_coefficients(angle2 - da)[0]
-    )
+    difference = rotations.jacobian_coefficients(angle2 + da)[0] - rotations.jacobian_coefficients(angle2 - da)[0]
     noise = 1e-16 / da
     assert rotations.jacobian_coefficients(angle2)[1] == pytest.approx(difference / da, rel=1e-7, abs=noise)
 

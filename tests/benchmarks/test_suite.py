@@ -1,0 +1,271 @@
+"""The benchmarks by name, each as a quick run with stand-ins for processes and recorder; and the command."""
+
+from __future__ import annotations
+
+import contextlib
+import json
+import time
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+
+import pytest
+from click.testing import CliRunner
+
+from benchmarks.figures import Part
+from benchmarks.micro import micro
+from benchmarks.observed import Observed, observe
+from benchmarks.probe import ProbeFailed, probe
+from benchmarks.processes import start
+from benchmarks.recording import recording
+from benchmarks.report import SCHEMA
+from benchmarks.scaling import fitted_exponent, scaling
+from benchmarks.step import step
+from benchmarks.step_profile import METHODS, PYTHON, Stages, patched, profile
+from benchmarks.suite import BENCHMARKS, chosen
+from benchmarks.throughput import throughput
+from benchmarks.tools import Tools
+from service.cli import main
+from simcore import coupling
+from simcore.errors import ScenarioError
+from simcore.records import Silent
+from simcore.scenario import Scenario
+
+NAMES = (
+    "micro",
+    "step",
+    "scaling",
+    "throughput",
+    "recording",
+    "start-up",
+    "memory",
+    "profile",
+    "convergence",
+    "forces",
+)
+RECORDER = "tests.benchmarks.test_suite:silent"
+
+
+@contextlib.contextmanager
+def silent(path: Path) -> Iterator[Silent]:
+    """A recorder that records nothing."""
+    yield Silent()
+
+
+class Alone:
+    """A crew of this one process."""
+
+    def seconds(self, batches: Sequence[Sequence[Scenario]]) -> float:
+        started = time.perf_counter()
+        for batch in batches:
+            for scenario in batch:
+                observe(scenario)
+        return time.perf_counter() - started
+
+    def run_many(self, scenarios: Sequence[Scenario]) -> list[Observed]:
+        return [observe(scenario) for scenario in scenarios]
+
+
+@contextlib.contextmanager
+def crew(workers: int) -> Iterator[Alone]:
+    yield Alone()
+
+
+@pytest.fixture
+def tools(tmp_path: Path) -> Tools:
+    return Tools(
+        say=lambda text: None,
+        recorder=silent,
+        recorder_name=RECORDER,
+        crew=crew,
+        folder=tmp_path,
+        quick=True,
+    )
+
+
+def keys(part: Part) -> set[str]:
+    return {figure.key for figure in part.figures}
+
+
+# ---- names
+
+
+def test_the_names() -> None:
+    assert tuple(BENCHMARKS) == NAMES
+    assert chosen([]) == list(NAMES[:-2])
+    assert chosen(["step", "micro", "step"]) == ["step", "micro"]
+    with pytest.raises(ScenarioError, match=r"steps.*micro, step"):
+        chosen(["steps"])
+
+
+# ---- each benchmark
+
+
+def test_micro(tools: Tools) -> None:
+    part = micro(tools)
+    names = ("force", "back_solve", "columns", "w", "beams", "refactor", "limit", "limit_back_solve", "limit_force")
+    assert keys(part) == {f"micro.{name}_ms" for name in names}
+    assert all(figure.median is not None and figure.median > 0.0 for figure in part.figures)
+
+
+def test_step_has_every_key_of_the_specification(tools: Tools) -> None:
+    part = step(tools)
+    assert keys(part) >= {
+        "step.line.plant_in_limits",
+        "step.sine.plant_in_limits",
+        "step.line.in_limits",
+        "step.sine.in_limits",
+        "step.sine.exact_in_limits",
+        "jacobian.perturbation.in_limits",
+        "realtime.line",
+        "realtime.sine",
+        "step.sine.p99_over_median",
+        "step.sine.max_over_median",
+    }
+    assert all(figure.median is not None or figure.note for figure in part.figures)
+
+
+def test_scaling(tools: Tools) -> None:
+    part = scaling(tools)
+    assert keys(part) >= {"scaling.nodes.exponent", "scaling.limit.exponent", "scaling.depth.ratio"}
+    exponents = {figure.key: figure for figure in part.figures}
+    target, limit = exponents["scaling.nodes.exponent"].target, exponents["scaling.limit.exponent"].median
+    assert target is not None
+    assert limit is not None
+    assert target.bound == pytest.approx(limit + 0.1)
+    assert set(part.files) == {"scaling.svg"}
+
+
+def test_the_exponent_of_a_power_law() -> None:
+    nodes = [918, 1617, 2600, 5270]
+    assert fitted_exponent(nodes, [3e-6 * n**1.4 for n in nodes]) == pytest.approx(1.4)
+
+
+def test_throughput_and_recording(tools: Tools) -> None:
+    assert "throughput.two_over_one" in keys(throughput(tools))
+    assert "recording.ratio" in keys(recording(tools))
+
+
+def test_start_up_in_a_process_of_its_own(tools: Tools) -> None:
+    warm, cold = start(tools).figures
+    assert (warm.key, cold.key) == ("start.warm_s", "start.cold_s")
+    assert warm.median is not None
+    assert cold.median is None
+    assert "--quick" in cold.note
+
+
+def test_a_probe_runs_to_the_end_and_counts_memory(tools: Tools) -> None:
+    small = {"tissue": {"element_size_mm": 20}, "trajectory": {"target_mm": [18, 31, 1]}}
+    done = probe(small, recorder=RECORDER, recording=tools.folder / "none")
+    assert done.status == "completed"
+    assert done.peak_mb is None or 20.0 < done.peak_mb < 5000.0
+
+
+def test_a_probe_that_fails_says_so(tools: Tools, capfd: pytest.CaptureFixture[str]) -> None:
+    with pytest.raises(ProbeFailed, match="exit code 1"):
+        probe({"tissue": {"element_size_mm": -1}}, recorder=RECORDER, recording=tools.folder / "none")
+    assert "element_size_mm" in capfd.readouterr().err
+
+
+# ---- the profile
+
+
+def test_the_profile_adds_up_and_leaves_no_trace(tools: Tools) -> None:
+    before = coupling.to_local
+    part = profile(tools)
+    assert coupling.to_local is before
+    for table in part.tables:
+        assert sum(row[3] for row in table.rows) == pytest.approx(100.0)
+        stages = {row[0] for row in table.rows}
+        assert {PYTHON, "tissue forces", "back-solve", "Jacobian", "contact laws"} <= stages
+
+
+def test_what_the_profile_wraps_exists() -> None:
+    missing = [f"{owner.__name__}.{name}" for owner, name, _, _ in METHODS if not hasattr(owner, name)]
+    assert missing == []
+
+
+def test_a_stage_is_not_charged_for_what_it_calls() -> None:
+    now = [0.0]
+
+    def spend(seconds: float) -> None:
+        now[0] += seconds
+
+    stages = Stages(lambda: now[0])
+    inner = stages.wrap("inner", spend, False)
+
+    def both(own: float, other: float) -> None:
+        spend(own)
+        inner(other)
+
+    stages.wrap("outer", both, False)(1.0, 2.0)
+    stages.wrap("whole", both, True)(4.0, 8.0)
+    assert stages.seconds == {"outer": 1.0, "inner": 2.0, "whole": 12.0}
+    assert stages.calls == {"outer": 1, "inner": 1, "whole": 1}
+
+
+def test_patching_is_undone_after_an_error() -> None:
+    before = {(owner, name): getattr(owner, name) for owner, name, _, _ in METHODS}
+    with pytest.raises(RuntimeError, match="on purpose"), patched(Stages(time.perf_counter)):
+        raise RuntimeError("on purpose")
+    assert before == {(owner, name): getattr(owner, name) for owner, name, _, _ in METHODS}
+
+
+# ---- the command
+
+
+def test_the_command_lists(tmp_path: Path) -> None:
+    done = CliRunner().invoke(main, ["bench", "--list"])
+    assert done.exit_code == 0
+    assert [line.split()[0] for line in done.stdout.splitlines()] == list(NAMES)
+
+
+def test_the_command_measures_stores_and_compares(tmp_path: Path) -> None:
+    report = tmp_path / "new" / "report.json"
+    done = CliRunner().invoke(
+        main, ["bench", "micro", "--quick", "--json", str(report), "--out", str(tmp_path / "out")]
+    )
+    assert done.exit_code == 0, done.output
+    assert "micro.force_ms" in done.stdout
+    stored = json.loads(report.read_bytes())
+    assert stored["schema"] == SCHEMA
+    assert stored["names"] == ["micro"]
+    assert stored["quick"] is True
+    same = CliRunner().invoke(main, ["bench", "--compare", str(report), str(report)])
+    assert (same.exit_code, same.stdout.splitlines()[-1]) == (0, "nothing got worse")
+    stored["figures"]["micro.force_ms"]["median"] *= 100.0
+    worse = tmp_path / "worse.json"
+    worse.write_text(json.dumps(stored))
+    slower = CliRunner().invoke(main, ["bench", "--compare", str(report), str(worse)])
+    assert slower.exit_code == 1
+    assert "1 of 9 figures got worse" in slower.stdout
+
+
+@pytest.mark.parametrize(
+    ("arguments", "why"),
+    [
+        (["nothing"], "nothing"),
+        (["micro", "--out", "FILE/below"], "--out"),
+        (["micro", "--json", "FILE/below/report.json"], "--json"),
+        (["--compare", "FILE", "FILE"], "not readable JSON"),
+    ],
+)
+def test_bad_input_ends_before_any_measurement(arguments: list[str], why: str, tmp_path: Path) -> None:
+    file = tmp_path / "file"
+    file.write_text("text")
+    placed = [argument.replace("FILE", str(file)) for argument in arguments]
+    if "--out" not in placed:
+        placed += ["--out", str(tmp_path)]
+    done = CliRunner().invoke(main, ["bench", "--quick", *placed])
+    assert done.exit_code == 2
+    assert why in done.stderr
+
+
+@pytest.mark.slow
+def test_the_studies_and_the_processes_through_the_command(tmp_path: Path) -> None:
+    """Real workers, real recorder, pictures and tables; quick, so half a minute."""
+    names = ["throughput", "recording", "memory", "convergence", "forces"]
+    done = CliRunner().invoke(main, ["bench", *names, "--quick", "--out", str(tmp_path)])
+    assert done.exit_code == 0, done.output
+    for name in ("convergence.md", "convergence.csv", "convergence.svg", "forces.md", "forces.csv", "forces.svg"):
+        assert (tmp_path / name).stat().st_size > 100
+    assert "memory.1617_mb" in done.stdout

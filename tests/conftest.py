@@ -1,0 +1,3 @@
+"""What all tests share: the plugin of `tests/verification.py`."""
+
+pytest_plugins = ["tests.verification"]
