@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from scipy.spatial import Delaunay
 
 from simcore.bounding_tree import LEAF, BoundingTree
-from simcore.mesh import box_mesh
+from simcore.mesh import Mesh, box_mesh
 from simcore.mesh_quality import fault_of_mesh
 from simcore.spread import Ball, weights_of_ball
 from simcore.tet_mesh import TetMesh
@@ -126,7 +126,7 @@ def test_the_box_as_tetrahedra_locates_as_the_box(share: Vector) -> None:
         np.testing.assert_allclose(weights @ mesh.nodes_m[nodes], np.clip(share, 0.0, 1.0) * SIZE_M, atol=1e-12)
 
 
-def ball(mesh: TetMesh | type[BOX], centre: Vector, radius_m: float) -> Vector:  # type: ignore[valid-type]
+def ball(mesh: Mesh, centre: Vector, radius_m: float) -> Vector:
     """(n,) weights of all nodes."""
     quadrature = Ball.of_radius(radius_m, mesh)
     slot = np.full(len(mesh.nodes_m), -1)
@@ -144,7 +144,7 @@ def ball(mesh: TetMesh | type[BOX], centre: Vector, radius_m: float) -> Vector: 
 @given(shares, st.sampled_from([0.0, 0.004, 0.007]))
 def test_balls_in_the_box_as_tetrahedra_are_those_of_the_box(share: Vector, radius_m: float) -> None:
     """Up to and beyond the faces z = 0 and z = 122 mm, away from the edges of the box."""
-    centre = (0.25 + 0.5 * share) * SIZE_M
+    centre: Vector = (0.25 + 0.5 * share) * SIZE_M
     centre[2] = -0.002 + share[2] * (SIZE_M[2] + 0.004)
     np.testing.assert_allclose(ball(AS_TETS, centre, radius_m), ball(BOX, centre, radius_m), atol=1e-13)
 
