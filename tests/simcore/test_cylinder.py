@@ -114,7 +114,7 @@ def test_contact_on_a_slanted_surface(tmp_path: Path) -> None:
         pressure = problem.force[0] @ normal
         lateral = float(np.linalg.norm(problem.force[0] - pressure * normal))
         assert (pressure > 0.05) == (push > 0.0)
-        assert lateral == pytest.approx(0.1 * pressure, rel=1e-6) if slips else lateral <= 0.1 * pressure
+        assert lateral == pytest.approx(0.1 * pressure, rel=1e-6) if slips else lateral <= 0.1 * pressure + 1e-12
         differences = Perturbation(insertion, shift_m=5e-6, lever_arm_m=0.1).linearise(before, state).tip
         np.testing.assert_allclose(linearise_exactly(insertion, state).tip, differences, atol=tolerance)
 
