@@ -11,6 +11,8 @@ from __future__ import annotations
 import contextlib
 import hashlib
 import io
+import os
+import stat
 import tempfile
 import warnings
 from collections.abc import Callable
@@ -29,7 +31,13 @@ from simcore.tet_mesh import TetMesh
 Vector = NDArray[np.float64]
 Indices = NDArray[np.int64]
 
-FORMATS = {".msh": "gmsh", ".vtu": "vtu", ".vtk": "vtk", ".mesh": "medit", ".inp": "abaqus"}
+FORMATS = {
+    ".msh": ("gmsh", "ansys"),
+    ".vtu": ("vtu",),
+    ".vtk": ("vtk",),
+    ".mesh": ("medit",),
+    ".inp": ("abaqus",),
+}
 MAXIMUM_MB = 200
 MAXIMUM_TETS = 1_200_000
 NAMES_SHOWN = 12
@@ -52,13 +60,23 @@ class MeshFile:
         if suffix not in FORMATS:
             raise fault(path, f"must end in {', '.join(FORMATS)}")
         try:
-            size = Path(path).stat().st_size
-            data = Path(path).read_bytes() if size <= MAXIMUM_MB * 1_000_000 else b""
+            found = Path(path).stat()
+            wrong = _fault_of_entry(found)
+            data = b"" if wrong else Path(path).read_bytes()
         except (OSError, ValueError) as error:
-            raise fault(path, f"cannot be read: {getattr(error, 'strerror', None) or error}") from None
-        if size > MAXIMUM_MB * 1_000_000:
-            raise fault(path, f"holds {size / 1e6:.0f} MB, at most {MAXIMUM_MB} are allowed")
+            wrong = f"cannot be read: {getattr(error, 'strerror', None) or error}"
+        if wrong:
+            raise fault(path, wrong)
         return cls(hashlib.sha256(data).hexdigest(), suffix, Path(path).name, data)
+
+
+def _fault_of_entry(found: os.stat_result) -> str | None:
+    """What forbids to open a directory's entry: a pipe would never end."""
+    if not stat.S_ISREG(found.st_mode):
+        return "is not a file"
+    if found.st_size > MAXIMUM_MB * 1_000_000:
+        return f"holds {found.st_size / 1e6:.0f} MB, at most {MAXIMUM_MB} are allowed"
+    return None
 
 
 def fault(path: str, message: str) -> ScenarioError:
@@ -104,23 +122,27 @@ def _mesh_of(content: MeshFile, unit_mm: float, names: tuple[str, ...]) -> TetMe
 
 def _parsed(content: MeshFile) -> Any:
     """meshio's mesh. Its readers print, warn, exit and raise anything at all; here that becomes one fault."""
-    import meshio
-
-    said = io.StringIO()
+    formats, reasons = FORMATS[content.suffix], []
     with tempfile.TemporaryDirectory(prefix="needlebench-mesh-") as folder:
         copy = Path(folder) / f"mesh{content.suffix}"  # what is read is what was hashed
         copy.write_bytes(content.data)
-        try:
-            with contextlib.redirect_stdout(said), contextlib.redirect_stderr(said), warnings.catch_warnings():
-                warnings.simplefilter("ignore")
-                return meshio.read(copy, file_format=FORMATS[content.suffix])
-        except (Exception, SystemExit) as error:
-            words = said.getvalue() if isinstance(error, SystemExit) else str(error)
-            line = next(
-                (line.strip() for line in words.replace(str(copy), content.name).splitlines() if line.strip()), ""
-            )
-            reason = f": {line[:100]}" if line else ""
-            raise _Fault(f"is not a readable {FORMATS[content.suffix]} mesh{reason}") from None
+        for kind in formats:
+            try:
+                return _read_quietly(copy, kind)
+            except (Exception, SystemExit) as error:
+                lines = str(error).replace(str(copy), content.name).strip().splitlines()
+                reasons += [] if isinstance(error, SystemExit) else lines[:1]
+    reason = f": {reasons[0][:100]}" if reasons else ""
+    raise _Fault(f"is not a readable {' or '.join(formats)} mesh{reason}")
+
+
+def _read_quietly(path: Path, kind: str) -> Any:
+    import meshio
+
+    nowhere = io.StringIO()
+    with contextlib.redirect_stdout(nowhere), contextlib.redirect_stderr(nowhere), warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        return meshio.read(path, file_format=kind)
 
 
 def _tetrahedra(raw: Any) -> tuple[Vector, Indices]:
@@ -140,7 +162,8 @@ def _tetrahedra(raw: Any) -> tuple[Vector, Indices]:
     if points.ndim != 2 or points.shape[1] != 3 or points.dtype.kind not in "fiu":
         raise _Fault(f"must hold points with three coordinates; its points are an array of shape {points.shape}")
     if cells.min() < 0 or cells.max() >= len(points):
-        raise _Fault(f"has a tetrahedron with node {cells.max()}, but {len(points)} points")
+        wrong = cells.max() if cells.max() >= len(points) else cells.min()
+        raise _Fault(f"has a tetrahedron with node {wrong}; its points are 0 to {len(points) - 1}")
     return points.astype(np.float64), cells
 
 

@@ -225,7 +225,9 @@ class SeparateModel(Block):
     kind: Literal["separate"] = Field(default="separate", description="shared or separate")
     young_kpa: Number = bounded(6.3, 0.1, 1000.0, "Young's modulus of the model [paper]")
     poisson: Number = bounded(0.4, 0.0, 0.49, "Poisson's ratio of the model [paper]")
-    element_size_mm: Number = bounded(6.0, 1.0, 50.0, "edge of a cell of the model's mesh [ours]")
+    element_size_mm: Number = bounded(
+        6.0, 1.0, 50.0, "edge of a cell of the model's mesh; with tissue.mesh_file, the model has that mesh too [ours]"
+    )
     friction: Number = bounded(0.1, 0.0, 1.0, "Coulomb coefficient of the model; above 0.3 with a warning [ours]")
     spacing_mm: Number | None = Field(
         default=None,
@@ -437,11 +439,11 @@ def _tissue_problems(s: Scenario) -> list[Problem]:
     problems = []
     if len(set(s.tissue.fixed_faces)) < len(s.tissue.fixed_faces):
         problems.append(Problem("tissue.fixed_faces", list(s.tissue.fixed_faces), "must name each face once"))
+    if s.tissue.mesh_file is not None:
+        return problems
     if math.prod(s.tissue.cells) > MAXIMUM_CELLS:
         allowed = f"gives {math.prod(s.tissue.cells)} cells, at most {MAXIMUM_CELLS} are allowed"
         problems.append(Problem("tissue.element_size_mm", s.tissue.element_size_mm, allowed))
-    if s.tissue.mesh_file is not None:
-        return problems
     if not s.tissue.fixed_faces:
         problems.append(Problem("tissue.fixed_faces", [], "must name at least one face"))
     for axis, cells in zip("xyz", s.tissue.cells, strict=True):
@@ -551,6 +553,8 @@ def _pose_problems(s: Scenario) -> list[Problem]:
 
 
 def _with_spacing(model: SeparateModel, s: Scenario) -> SeparateModel:
+    if s.tissue.mesh_file is not None:
+        model = model.model_copy(update={"element_size_mm": s.tissue.element_size_mm})
     if model.spacing_mm is not None:
         return model
     assert s.interaction.spacing_mm is not None
@@ -565,7 +569,7 @@ def _model_problems(s: Scenario) -> list[Problem]:
         allowed = f"must be at least controller.model.element_size_mm = {model.element_size_mm:g}: closer rows lock"
         problems.append(Problem("controller.model.spacing_mm", model.spacing_mm, allowed))
     cells = math.prod(s.tissue.model_copy(update={"element_size_mm": model.element_size_mm}).cells)
-    if cells > MAXIMUM_CELLS:
+    if cells > MAXIMUM_CELLS and s.tissue.mesh_file is None:
         allowed = f"gives {cells} cells, at most {MAXIMUM_CELLS} are allowed"
         problems.append(Problem("controller.model.element_size_mm", model.element_size_mm, allowed))
     return problems

@@ -118,7 +118,9 @@ def ball_weights_in_tets(
     where d is its depth below the surface: as in the box, away from its edges."""
     corner, shape, point = np.empty(4, np.int64), np.empty(4), np.empty(3)
     _, centre_depth = nearest_triangle(search, centre, shape[:3])
-    tet, count, total = -1, 0, 0.0
+    tet, count, total = tet_around(search, centre, -1, shape), 0, 0.0
+    if tet < 0:
+        centre_depth = -centre_depth
     for q in range(len(offsets)):
         reach = 0.0
         for a in range(3):
