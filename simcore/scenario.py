@@ -213,23 +213,25 @@ class Robot(Block):
 class SharedModel(Block):
     """The model that is linearised is the plant itself [paper]."""
 
-    kind: Literal["shared"] = "shared"
+    kind: Literal["shared"] = Field(default="shared", description="shared or separate")
 
 
 class SeparateModel(Block):
     """The controller steps an insertion of its own with the executed base poses; all else is as in the plant."""
 
-    kind: Literal["separate"] = "separate"
+    kind: Literal["separate"] = Field(default="separate", description="shared or separate")
     young_kpa: Number = bounded(6.3, 0.1, 1000.0, "Young's modulus of the model [paper]")
     poisson: Number = bounded(0.4, 0.0, 0.49, "Poisson's ratio of the model [paper]")
-    element_size_mm: Number = bounded(6.0, 1.0, 50.0, "edge of a cell of the model's mesh [ours]")
+    element_size_mm: Number = bounded(
+        6.0, 1.0, 50.0, "edge of a cell of the model's mesh; with mesh_file, the plant's mesh replaces it [ours]"
+    )
     friction: Number = bounded(0.1, 0.0, 1.0, "Coulomb coefficient of the model; above 0.3 with a warning [ours]")
     spacing_mm: Number | None = Field(
         default=None,
         ge=MINIMUM_SPACING_MM,
         le=50.0,
         description="rest distance of the model's constraint points; its element size to 50, at least 5; "
-        "default the larger of interaction.spacing_mm and its element size [ours]",
+        "null = the larger of interaction.spacing_mm and its element size [ours]",
     )
 
 
@@ -248,7 +250,7 @@ class InverseFem(Block):
     )
     jacobian: Literal["constraint", "perturbation"] = Field(
         default="constraint",
-        description="constraint = implicit differentiation of the converged step [cited], "
+        description="constraint = implicit differentiation of the converged step, "
         "perturbation = one re-solve of the last step per end-effector dof [cited]",
     )
     derivative: Literal["fast", "exact"] = Field(
@@ -258,7 +260,7 @@ class InverseFem(Block):
     perturbation_mm: Number = bounded(
         0.05, 0.05, 1.0, "move of each dof for the perturbation Jacobian; rotations by the lever arm [ours]"
     )
-    model: IfemModel = SharedModel()
+    model: IfemModel = Field(default=SharedModel(), description="what is linearised")
 
     @model_validator(mode="before")
     @classmethod
@@ -542,6 +544,8 @@ def _pose_problems(s: Scenario) -> list[Problem]:
 
 
 def _with_spacing(model: SeparateModel, s: Scenario) -> SeparateModel:
+    if s.tissue.mesh_file is not None:
+        model = model.model_copy(update={"element_size_mm": s.tissue.element_size_mm})
     if model.spacing_mm is not None:
         return model
     assert s.interaction.spacing_mm is not None
