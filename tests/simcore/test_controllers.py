@@ -86,7 +86,7 @@ class RigidNeedle:
     def tip_m(self) -> Vector:
         return self.base.position_m + LENGTH_M * self.base.rotation[:, 2]
 
-    def __call__(self) -> Linearisation:
+    def __call__(self, _: Observation | None = None) -> Linearisation:
         arm = self.tip_m - self.base.position_m
         tip = np.hstack([np.eye(3), -skew(arm)])
         across = self.base.rotation[:, :2].T
@@ -229,13 +229,13 @@ def scenario(**blocks: Any) -> Scenario:
     return Scenario.load({**base, **blocks})
 
 
-def nothing() -> Linearisation:
+def nothing(_: Observation) -> Linearisation:
     raise AssertionError("this controller must not ask the plant")
 
 
 def made(described: Scenario) -> Any:
     entry = np.array(described.trajectory.entry_mm) * 1e-3
-    return make_controller(described, entry_m=entry, needle_length_m=described.needle.length_mm * 1e-3, plant=nothing)
+    return make_controller(described, entry_m=entry, needle_length_m=described.needle.length_mm * 1e-3, model=nothing)
 
 
 def blind(step: int) -> Observation:

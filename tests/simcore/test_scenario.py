@@ -28,6 +28,7 @@ KINDS: list[Json] = [
     {"trajectory": {"kind": "sine"}},
     {"controller": {"kind": "replay", "poses": [STRAIGHT_IN]}},
     {"controller": {"kind": "open_loop"}},
+    {"controller": {"kind": "ifem", "model": {"kind": "separate"}}},
 ]
 
 
@@ -106,7 +107,7 @@ def numbers(
         for name, field in node["properties"].items():
             yield from numbers(field, defs, base, at[name], (*path, name))
     elif node.get("type") == "array":
-        for i, item in enumerate(node.get("prefixItems") or [node["items"]]):
+        for i, item in enumerate(node.get("prefixItems") or [node["items"]][: len(at)]):
             yield from numbers(item, defs, base, at[i], (*path, i))
     elif node.get("type") in ("number", "integer"):
         yield path, node, optional
@@ -233,9 +234,11 @@ def test_a_model_says_what_it_is(model: type[BaseModel]) -> None:
 def test_a_range_is_in_the_description(field: NumberField) -> None:
     schema = Scenario.model_json_schema()
     owner: Json = schema
-    for name in [n for n in field.path if isinstance(n, str)][:-1]:
+    holders = [n for n in field.path if isinstance(n, str)][:-1]
+    for depth, name in enumerate(holders, start=1):
         node = owner["properties"][name]
-        reference = node.get("$ref") or node["discriminator"]["mapping"][value_at(field.base, name)["kind"]]
+        block = value_at(field.base, ".".join(holders[:depth]))
+        reference = node.get("$ref") or node["discriminator"]["mapping"][block["kind"]]
         owner = schema["$defs"][reference.rsplit("/", 1)[1]]
     text = owner["properties"][[n for n in field.path if isinstance(n, str)][-1]]["description"]
     for end in ("minimum", "maximum"):
@@ -286,7 +289,17 @@ def test_defaults_are_those_of_version_1() -> None:
             "frame": "world",
         },
         "robot": {"max_speed_mm_s": 50.0, "max_turn_deg_s": 30.0},
-        "controller": {"kind": "ifem", "gain": 1.0, "rcm_gain": 1.0, "damping": 0.05, "lever_arm_mm": 100.0},
+        "controller": {
+            "kind": "ifem",
+            "gain": 1.0,
+            "rcm_gain": 1.0,
+            "damping": 0.05,
+            "lever_arm_mm": 100.0,
+            "jacobian": "constraint",
+            "derivative": "fast",
+            "perturbation_mm": 0.05,
+            "model": {"kind": "shared"},
+        },
         "solver": {"force_tolerance_n": 1e-5, "violation_tolerance_mm": 1e-5, "max_iterations": 60},
         "recording": {"enabled": True, "every_steps": 10},
     }
