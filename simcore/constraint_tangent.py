@@ -227,19 +227,18 @@ def _subtract_lengths(
 
 
 def _surface_rows(c: Coupled, rows: Vector, per_ball: Vector) -> None:
-    """Contact before puncture, in the frame of the surface (n1, n2, n): Signorini along n; while it slides,
-    F_lateral = mu F_n u, u against the lateral gap."""
-    frame = c.frames[0]
-    rows[:3], per_ball[:3] = frame @ rows[:3], frame @ per_ball[:3]
+    """Contact before puncture: Signorini along the surface's normal; while it slides, F_lateral = mu F_n u, u against
+    the lateral gap. The gap rows become those of the surface's frame."""
+    rows[:3], per_ball[:3] = c.frames[0] @ rows[:3], c.frames[0] @ per_ball[:3]
+    force = np.zeros((3, rows.shape[1]))
+    force[:, :3] = c.frames[0]
     if c.mode[0] != 1:
-        rows[2], per_ball[2] = 0.0, 0.0
-        rows[2, :3] = frame[2]
+        rows[2], per_ball[2] = force[2], 0.0
     if not c.slide.any():
         return
-    mu, gap = c.interaction.friction, c.gap[0, :2]
-    distance = float(np.hypot(*gap))
+    mu, distance = c.interaction.friction, float(np.hypot(*c.gap[0, :2]))
     across = np.eye(2) - np.outer(c.slide, c.slide)
-    by_gap = mu * (frame[2] @ c.force[0]) / distance * across if distance > 0.0 else np.zeros((2, 2))
-    law = by_gap @ rows[:2]
-    law[:, :3] += frame[:2] - mu * np.outer(c.slide, frame[2])
-    rows[:2], per_ball[:2] = law, by_gap @ per_ball[:2]
+    pressure = float(c.frames[0, 2] @ c.force[0])
+    by_gap = mu * pressure / distance * across if distance > 0.0 else np.zeros((2, 2))
+    rows[:2] = by_gap @ rows[:2] + force[:2] - mu * np.outer(c.slide, force[2])
+    per_ball[:2] = by_gap @ per_ball[:2]

@@ -6,8 +6,9 @@ load u on the tissue,
 
     dx = A^-1 u + W dF,      the needle's side answers with dF,      K dx - B^T dF = 0
 
-is a small correction equation in u alone, A being near K: GMRES solves it for the six motions of the base at once. With
-u = 0 and the geometric terms dropped it is the fast form.
+is a small correction equation in u alone, A being near K: GMRES solves it for the six motions of the base at once. A
+comes in single precision; its very answers go into the last equation, so that their rounding costs nothing.
+With u = 0 and the geometric terms dropped it is the fast form.
 """
 
 from __future__ import annotations
@@ -36,38 +37,39 @@ MAX_ITERATIONS = 80
 
 
 class TissueResponse:
-    """How the tissue of a solved step answers. Rows: the motions; columns: degrees of freedom of the free nodes."""
+    """How the tissue of a solved step answers: rows (dx, dF, ds) (k, unknowns + 4a), one for each motion."""
 
     def __init__(self, c: Coupled, tangent: ConstraintTangent) -> None:
         self.c, self.tangent = c, tangent
         a = len(c.elements)
         self.balls = ball_matrix(c, tangent.elements)
         self.loaded = self.balls[: 3 * a]
-        self.columns = c.compliance.columns[c.elements].reshape(3 * a, -1)
+        self.columns = c.compliance.columns[c.elements].reshape(3 * a, -1).astype(float)
         matrix = tangent.matrix.copy()
         matrix[:, : 3 * a] += tangent.per_ball @ (self.balls @ self.columns.T)
         self.factor = lu_factor(matrix)
 
-    def respond(self, load: Vector, base: Vector) -> tuple[Vector, Vector]:
-        """dx (k, unknowns) m and y = (dF, ds) (4a, k) under loads (k, unknowns) N and moves of the base (6, k)."""
-        dx = self.c.compliance.solve(load.T)
+    def respond(self, load: Vector, base: Vector) -> Vector:
+        """(k, unknowns + 4a) under loads (k, unknowns) N on the tissue and moves (6, k) of the base."""
+        dx = self.c.compliance.solve(load.T).astype(float)
         right = self.tangent.per_ball @ (self.balls @ dx) + self.tangent.per_base @ base
-        y = -lu_solve(self.factor, right)
-        return np.ascontiguousarray(dx.T) + y[: len(self.columns)].T @ self.columns, y
+        y = -lu_solve(self.factor, right).T
+        return np.hstack([dx.T + y[:, : len(self.columns)] @ self.columns, y])
 
-    def residual(self, dx: Vector, y: Vector) -> Vector:
+    def residual(self, response: Vector) -> Vector:
         """(k, unknowns) N: K dx - B^T dF, with the exact tangent K of the tissue."""
         c, t = self.c, self.c.tissue
+        dx, rotations = np.ascontiguousarray(response[:, : t.unknowns]), c.blocks.rotations()
         held = tangent_times(
-            dx, c.bodies.x, c.start.x, t.mesh.tets, t.gradients, t.volumes_m3, t.mu_pa, t.lambda_pa,
-            c.blocks.rotations(),
+            dx, c.bodies.x, c.start.x, t.mesh.tets, t.gradients, t.volumes_m3, t.mu_pa, t.lambda_pa, rotations,
             t.unknown, c.compliance.diagonal, t.stiffness_damping_s, c.dt_s,
         )  # fmt: skip
-        return held - self.load(y)
+        return held - self.load(response)
 
-    def load(self, y: Vector) -> Vector:
+    def load(self, response: Vector) -> Vector:
         """(k, unknowns) N: B^T dF."""
-        return np.asarray((self.loaded.T @ y[: len(self.columns)]).T)
+        start = self.c.tissue.unknowns
+        return np.asarray((self.loaded.T @ response[:, start : start + len(self.columns)].T).T)
 
 
 def ball_matrix(c: Coupled, elements: Indices) -> Any:
@@ -100,22 +102,22 @@ def needle_response(c: Coupled, tangent: ConstraintTangent) -> Vector:
     if a == 0:
         return by_base
     tissue = TissueResponse(c, tangent)
-    dx, y = tissue.respond(np.zeros((6, c.tissue.unknowns)), base)
-    if not np.isfinite(y).all():
+    first = tissue.respond(np.zeros((6, c.tissue.unknowns)), base)
+    if not np.isfinite(first).all():
         raise ModelFailure(Status.NOT_FINITE, "the exact Jacobian has no finite response of the constraint forces")
-    allowed = TOLERANCE * np.linalg.norm(tissue.load(y), axis=1)
-    still = np.zeros((6, 6))
-    load, rest = gmres(
-        lambda u: tissue.residual(*tissue.respond(u, still)),
-        -tissue.residual(dx, y),
+    allowed = TOLERANCE * np.linalg.norm(tissue.load(first), axis=1)
+    change, rest = gmres(
+        tissue.residual,
+        -tissue.residual(first),
+        precondition=lambda load: tissue.respond(load, np.zeros((6, 6))),
         allowed=allowed,
         max_iterations=MAX_ITERATIONS,
     )
     if not (rest <= allowed).all():
         message = f"the exact Jacobian's residual is {rest.max():.3g} N per motion (allowed {allowed.max():.3g})"
         raise ModelFailure(Status.NOT_CONVERGED, f"{message} after at most {MAX_ITERATIONS} iterations")
-    _, y = tissue.respond(load, base)
-    return by_base + tangent.moves[:, :, : 4 * a] @ y
+    y = (first + change)[:, c.tissue.unknowns :]
+    return by_base + tangent.moves[:, :, : 4 * a] @ y.T
 
 
 def passing_response(insertion: Insertion, state: InsertionState, moves: Vector) -> tuple[Vector | None, Vector]:

@@ -1,4 +1,7 @@
-"""GMRES (Saad and Schultz 1986) for several right-hand sides: each has its own Krylov space, all share a sweep."""
+"""Flexible GMRES (Saad 1993) for several right-hand sides: each has its own Krylov space, all share a sweep.
+
+The preconditioner may be anything, rounded or inexact: the solution is made of its very answers.
+"""
 
 from __future__ import annotations
 
@@ -13,9 +16,16 @@ BREAKDOWN = 1e-13  # a new direction smaller than this, relative to the vector i
 
 
 def gmres(
-    times: Callable[[Vector], Vector], right: Vector, *, allowed: Vector, max_iterations: int
+    times: Callable[[Vector], Vector],
+    right: Vector,
+    *,
+    precondition: Callable[[Vector], Vector],
+    allowed: Vector,
+    max_iterations: int,
 ) -> tuple[Vector, Vector]:
-    """Solutions (k, n) of times(u) = right (k, n), and the norms (k,) of their residuals.
+    """Solutions (k, m) of times(z) = right (k, n), and the norms (k,) of their residuals.
+
+    precondition: z (k, m) with times(z) near its argument (k, n); both are linear and act on each row by itself.
 
     Stops when no norm exceeds its `allowed` (k,), or after `max_iterations` sweeps: the caller looks at the norms. They
     are infinite if `times` gave no number.
@@ -23,12 +33,14 @@ def gmres(
     count = len(right)
     size = np.linalg.norm(right, axis=1)
     basis = [right / np.where(size > 0.0, size, 1.0)[:, None]]
+    answers: list[Vector] = []
     hessenberg = np.zeros((count, max_iterations + 1, max_iterations))
     weights, rest = np.zeros((count, 0)), size
     for j in range(max_iterations):
         if (rest <= allowed).all():
             break
-        vector = times(basis[j])
+        answers.append(precondition(basis[j]))
+        vector = times(answers[j])
         before = np.linalg.norm(vector, axis=1)
         for i, direction in enumerate(basis):
             share = np.einsum("kn,kn->k", vector, direction)
@@ -36,15 +48,14 @@ def gmres(
             vector = vector - share[:, None] * direction
         after = np.linalg.norm(vector, axis=1)
         if not np.isfinite(after).all():
-            return np.zeros_like(right), np.full(count, np.inf)
+            return np.zeros_like(answers[0]), np.full(count, np.inf)
         after[after <= BREAKDOWN * before] = 0.0
         hessenberg[:, j + 1, j] = after
         basis.append(vector / np.where(after > 0.0, after, np.inf)[:, None])
         weights, rest = _least_squares(hessenberg[:, : j + 2, : j + 1], size)
-    solution = np.zeros_like(right)
-    for i in range(weights.shape[1]):
-        solution += weights[:, i, None] * basis[i]
-    return solution, rest
+    if not answers:
+        return np.zeros_like(precondition(right)), rest
+    return sum((weights[:, i, None] * answer for i, answer in enumerate(answers)), np.zeros_like(answers[0])), rest
 
 
 def _least_squares(hessenberg: Vector, size: Vector) -> tuple[Vector, Vector]:

@@ -6,6 +6,8 @@ already advances; a central one, at a small time step, would reverse it and aver
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -31,6 +33,7 @@ class Perturbation:
 
     def linearise(self, before: InsertionState, state: InsertionState) -> Linearisation:
         """Of the step from `before` to `state`, solved again to a tight tolerance. Raises ModelFailure."""
+        before = replace(before, steps=state.steps - 1)  # the initial state is its own predecessor
         tip, offset = self._solved(before, state.base, np.zeros(6))
         columns = np.empty((5, 6))
         for dof in range(6):

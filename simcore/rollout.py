@@ -94,7 +94,9 @@ def compile_kernels() -> None:
         "needle": {"length_mm": 60, "elements": 3},
         "trajectory": {"kind": "line", "entry_mm": [12, 12, 0], "target_mm": [12, 12, 4], "speed_mm_s": 50},
     }
-    _Loop(Scenario.load(small), Silent(), time.perf_counter).run()
+    for derivative in ("fast", "exact"):
+        scenario = Scenario.load({**small, "controller": {"kind": "ifem", "derivative": derivative}})
+        _Loop(scenario, Silent(), time.perf_counter).run()
 
 
 def run(scenario: Scenario, observer: Observer | None = None, *, clock: Clock = time.perf_counter) -> Rollout:

@@ -234,7 +234,7 @@ class SeparateModel(Block):
         ge=MINIMUM_SPACING_MM,
         le=50.0,
         description="rest distance of the model's constraint points; its element size to 50, at least 5; "
-        "default the larger of interaction.spacing_mm and its element size [ours]",
+        "null = the larger of interaction.spacing_mm and its element size [ours]",
     )
 
 
@@ -253,7 +253,7 @@ class InverseFem(Block):
     )
     jacobian: Literal["constraint", "perturbation"] = Field(
         default="constraint",
-        description="constraint = implicit differentiation of the converged step [cited], "
+        description="constraint = implicit differentiation of the converged step, "
         "perturbation = one re-solve of the last step per end-effector dof [cited]",
     )
     derivative: Literal["fast", "exact"] = Field(

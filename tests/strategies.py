@@ -82,6 +82,24 @@ def controllers(draw: st.DrawFn) -> Json:
         "rcm_gain": draw(between(0.0, 2.0)),
         "damping": draw(between(1e-4, 10.0)),
         "lever_arm_mm": draw(between(1.0, 1000.0)),
+        "jacobian": draw(st.sampled_from(["constraint", "perturbation"])),
+        "derivative": draw(st.sampled_from(["fast", "exact"])),
+        "perturbation_mm": draw(between(0.05, 1.0)),
+        "model": draw(ifem_models()),
+    }
+
+
+@st.composite
+def ifem_models(draw: st.DrawFn) -> Json:
+    if draw(st.booleans()):
+        return {"kind": "shared"}
+    return {
+        "kind": "separate",
+        "young_kpa": draw(between(0.1, 1000.0)),
+        "poisson": draw(between(0.0, 0.49)),
+        "element_size_mm": draw(between(10.0, 40.0)),
+        "friction": draw(between(0.0, 1.0)),
+        "spacing_mm": draw(between(40.0, 50.0)),
     }
 
 

@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 import simcore.exact_jacobian
 from simcore.controllers import Observation, make_controller
 from simcore.controllers.model import make_model
+from simcore.coupling import frame_along
 from simcore.errors import ModelFailure, Status
 from simcore.exact_jacobian import linearise_exactly
 from simcore.insertion import Insertion, InsertionState, Pose
@@ -160,9 +161,10 @@ def depths(scenario: Scenario, depths_mm: tuple[float, ...]) -> list[Case]:
     return cases
 
 
-def surface_contact(sideways_m: float) -> Case:
-    """The tip presses 0.4 mm straight into the surface, then moves sideways."""
+def surface_contact(sideways_m: float, tilt_rad: float = 0.0) -> Case:
+    """The tip presses 0.4 mm straight into the surface, then moves sideways; the contact's normal may be tilted."""
     insertion = Insertion(block_scenario(interaction={"puncture_n": 0.3}))
+    frame_along(np.array([0.0, np.sin(tilt_rad), np.cos(tilt_rad)]), insertion.coupled.surface_frame)
     first = insertion.initial_state(AHEAD)
     base = moved(first.base, np.array([0.0, 0.0, 4e-4]))
     state = advanced(insertion, first, base)
@@ -172,15 +174,25 @@ def surface_contact(sideways_m: float) -> Case:
     return Case(insertion, before, base)
 
 
-@pytest.mark.parametrize("sideways_m", [2e-5, 5e-4], ids=["sticking", "slipping"])
-def test_surface_contact_before_puncture(sideways_m: float) -> None:
-    case = surface_contact(sideways_m)
+@pytest.mark.parametrize(("sideways_m", "tilt_rad"), [(2e-5, 0.0), (5e-4, 0.0), (5e-4, 0.4)])
+def test_surface_contact_before_puncture(sideways_m: float, tilt_rad: float) -> None:
+    """Sticking, slipping, and slipping on a tilted surface."""
+    case = surface_contact(sideways_m, tilt_rad)
     exact, fast, _ = errors(case, step_m=1e-6)
     assert case.insertion.coupled.contact
     assert bool(case.insertion.coupled.slide.any()) is (sideways_m > 1e-4)
     assert len(exact) == 3
     assert exact.max() < 1e-4
     assert fast.max() > 1e-3
+
+
+def test_breathing_tissue() -> None:
+    """The prescribed motion of the held nodes is no unknown: the step is differentiated around it."""
+    insertion = Insertion(block_scenario(motion={"kind": "breathing", "amplitude_mm": 3.0, "period_s": 1.0}))
+    before, _, base = pushed(insertion, 0.03, 60)
+    exact, fast, _ = errors(Case(insertion, before, base))
+    assert exact.max() < 1e-4
+    assert fast.max() > 1e-2
 
 
 def test_surface_friction_opposes_the_slip() -> None:

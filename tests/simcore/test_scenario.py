@@ -28,6 +28,7 @@ KINDS: list[Json] = [
     {"trajectory": {"kind": "sine"}},
     {"controller": {"kind": "replay", "poses": [STRAIGHT_IN]}},
     {"controller": {"kind": "open_loop"}},
+    {"controller": {"kind": "ifem", "model": {"kind": "separate"}}},
 ]
 
 
@@ -233,9 +234,11 @@ def test_a_model_says_what_it_is(model: type[BaseModel]) -> None:
 def test_a_range_is_in_the_description(field: NumberField) -> None:
     schema = Scenario.model_json_schema()
     owner: Json = schema
-    for name in [n for n in field.path if isinstance(n, str)][:-1]:
+    holders = [n for n in field.path if isinstance(n, str)][:-1]
+    for depth, name in enumerate(holders, start=1):
         node = owner["properties"][name]
-        reference = node.get("$ref") or node["discriminator"]["mapping"][value_at(field.base, name)["kind"]]
+        block = value_at(field.base, ".".join(holders[:depth]))
+        reference = node.get("$ref") or node["discriminator"]["mapping"][block["kind"]]
         owner = schema["$defs"][reference.rsplit("/", 1)[1]]
     text = owner["properties"][[n for n in field.path if isinstance(n, str)][-1]]["description"]
     for end in ("minimum", "maximum"):
