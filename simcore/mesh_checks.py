@@ -7,9 +7,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from simcore.blocks import Tissue
 from simcore.errors import Problem, ScenarioError
 from simcore.mesh_file import digest_of, load_mesh
-from simcore.scenario import Tissue
 from simcore.tet_mesh import TetMesh
 from simcore.tissue import free_node_order, half_bandwidth, held_nodes
 from simcore.trajectory import Path

@@ -14,10 +14,10 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from simcore.blocks import Tissue
 from simcore.compiled import kernel
 from simcore.mesh import Mesh, box_mesh
 from simcore.mesh_file import load_mesh
-from simcore.scenario import Tissue
 
 Vector = NDArray[np.float64]
 Indices = NDArray[np.int64]

@@ -65,9 +65,7 @@ def test_wheel_has_command_licence_and_commit(wheel: zipfile.ZipFile) -> None:
     assert wheel.read("simcore/_commit.txt").decode() == COMMIT + "\n"
 
 
-def test_commit_comes_from_git_when_nothing_else_is_said(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_commit_comes_from_git_when_nothing_else_is_said(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     hatch_build = pytest.importorskip("hatch_build")
     monkeypatch.delenv("NEEDLEBENCH_COMMIT", raising=False)
     for name in ("GIT_DIR", "GIT_WORK_TREE", "GIT_INDEX_FILE"):
@@ -145,9 +143,7 @@ def answer(**changes: Any) -> dict[str, Any]:
         ({}, None, True, "rebuild"),
     ],
 )
-def test_launcher_does_no_more_than_needed(
-    stamp: Any, here: dict[str, Any] | None, exists: bool, todo: str
-) -> None:
+def test_launcher_does_no_more_than_needed(stamp: Any, here: dict[str, Any] | None, exists: bool, todo: str) -> None:
     """A dictionary stands for a complete stamp with these differences."""
     if isinstance(stamp, dict):
         stamp = {**bootstrap.wanted([3, 12, 1]), **stamp}
