@@ -62,7 +62,7 @@ def submit_job(
 
 
 def _scenario(value: Any) -> Scenario:
-    return preset(value) if isinstance(value, str) else Scenario.load(value)
+    return preset(value) if isinstance(value, str) else Scenario.load(value, files=False)
 
 
 def _hash(value: Any) -> str:

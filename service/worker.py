@@ -62,7 +62,7 @@ def run_job(spec: dict[str, Any], artefact_dir: Path) -> dict[str, Any]:
     from simcore import artefacts, rollout
     from simcore.scenario import Scenario
 
-    scenario = Scenario.load(spec["scenario"])
+    scenario = Scenario.load(spec["scenario"], files=False)
     with ExitStack() as stack:
         observers: list[Observer] = [ProgressFile(artefact_dir)]
         if scenario.recording.enabled:

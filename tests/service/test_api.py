@@ -48,6 +48,16 @@ def test_a_built_in_scenario_is_resolved_by_name(http: TestClient) -> None:
     assert submit(http, scenario="replay")["scenario"] == preset("replay").resolved()
 
 
+@pytest.mark.parametrize("path", ["/etc/passwd", "/no/such/file.msh", "box.vtu"])
+def test_a_path_on_the_servers_disk_is_refused_unopened(http: TestClient, path: str) -> None:
+    """The answer is the same whether there is such a file or not."""
+    answer = http.post(JOBS, json={"scenario": {"tissue": {"mesh_file": path}}})
+    assert answer.status_code == 422
+    (error,) = answer.json()["errors"]
+    assert error["field"] == "tissue.mesh_file"
+    assert "not accepted here" in error["message"]
+
+
 def test_an_idempotency_key_gives_the_same_answer_again(http: TestClient) -> None:
     first, second = (http.post(JOBS, json={"scenario": "line"}, headers={"Idempotency-Key": "k"}) for _ in range(2))
     assert (first.status_code, first.json()) == (second.status_code, second.json())
