@@ -15,7 +15,7 @@ from benchmarks.figures import Part, Table
 from benchmarks.scenarios import measured
 from benchmarks.tools import Clock, Tools
 from simcore import compliance, insertion, rollout, series, solver
-from simcore.controllers import ifem
+from simcore.controllers import ifem, model
 from simcore.records import Scene, StepRecord
 from simcore.rollout import Rollout, run
 from simcore.scenario import Scenario
@@ -52,7 +52,7 @@ METHODS: tuple[tuple[Any, str, str, bool], ...] = (  # owner, name, stage, wheth
     (solver.Coupled, "_move_tissue", "tissue moves by the columns", True),
     (insertion.Insertion, "_settle", "channel: cut, create, drop", True),
     (ifem.InverseFemController, "command", "command", False),
-    (rollout, "linearise", "Jacobian", True),
+    (model, "linearise", "Jacobian", True),
     (rollout._Loop, "_record", "record of the step", True),
     (series.SeriesBuilder, "add", "series", True),
 )
