@@ -1,4 +1,4 @@
-"""The path that the tip is asked to follow, and the moving target on it (PHYSICS section 5 of the model).
+"""The path that the tip is asked to follow, and the moving target on it (simcore/README.md).
 
 A path is `entry + u (end - entry) + A sin(2 pi n u) d`, u in [0, 1]; a line has A = 0. The target slides along it
 by arc length at constant speed.

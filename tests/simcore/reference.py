@@ -99,7 +99,7 @@ class FullNewton:
     """One step with given modes as a square system in tissue, needle, forces and arc lengths; dense Newton.
 
     Rows: balance of the free tissue nodes, balance of the free needle nodes, and of each point p - c(s) = 0 and its
-    axial law: s = breakpoint (odd mode), else force along the shaft = level (PHYSICS section 3).
+    axial law: s = breakpoint (odd mode), else force along the shaft = level (specification of the interaction).
     """
 
     def __init__(

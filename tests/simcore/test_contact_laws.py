@@ -79,7 +79,7 @@ def random_problem(
 
 
 def consistent(p: Problem, force: Vector, arc: Vector, mode: Vector) -> bool:
-    """Whether forces and arc lengths obey the staircases of PHYSICS section 3 in these modes."""
+    """Whether forces and arc lengths obey the staircases of specification of the interaction in these modes."""
     for i in range(len(arc)):
         k, levels = mode[i] // 2, p.levels(i, np.hypot(*force[i, :2]))
         breaks = p.breaks[i, : p.steps[i]]
@@ -148,7 +148,7 @@ def test_solution_is_one_of_brute_force(seed: int, elements: int, friction: floa
 @given(seeds, st.integers(1, 6), frictions, st.booleans())
 def test_solution_obeys_the_laws(seed: int, elements: int, friction: float, withdrawn: bool) -> None:
     """Bilateral lateral rows; |axial force| <= b + f_cut; stick at the breakpoint inside the bounds, else slip at
-    a bound, against the slip (PHYSICS section 3)."""
+    a bound, against the slip (specification of the interaction)."""
     p = random_problem(seed, elements, friction, withdrawn=withdrawn)
     force, arc = p.solved()
     assert np.abs(p.gaps(force)[:, :2]).max() < 1e-12

@@ -176,7 +176,7 @@ def test_speed_limits_hold_at_every_step(speed: float, turn: float) -> None:
     limited = series["limited"][1:]
     share = np.divide(speeds(series, 0.01), [[speed], [turn]]).max(axis=0)
     assert limited.mean() > 0.5
-    source = "definition of the limits, PHYSICS section 5"
+    source = "definition of the limits, spec of robot and paths"
     for text, measured, expected in (("excess", max(share.max() - 1.0, 0.0), 0), ("use of a limit", share[limited], 1)):
         case = f"{text} in any limited step at {speed:g} mm/s, {turn:g} deg/s"
         control(case, expected=expected, measured=measured, tolerance=1e-9, source=source)
@@ -239,10 +239,10 @@ def test_recovery_from_a_jump_of_the_target(name: str) -> None:
 
 
 def test_steering_is_far_better_than_open_loop_on_a_curved_path() -> None:
-    """An open-loop needle on a sine of 1 mm has about 0.71 mm RMSE (PHYSICS section 9): the overlay itself."""
+    """An open-loop needle on a sine of 1 mm has about 0.71 mm RMSE (spec of the experiments): the overlay itself."""
     blind = rollout(controller={"kind": "open_loop"}).metrics["rmse_mm"]
     steered = rollout().metrics["rmse_mm"]
-    source = "root mean square of a sine of amplitude 1 mm, PHYSICS section 9"
+    source = "root mean square of a sine of amplitude 1 mm, spec of the experiments"
     text, expected = "open loop on a 1 mm sine: RMSE", math.sqrt(0.5)
     control(text, expected=expected, measured=blind, tolerance=0.03, source=source, unit="mm")
     text = "I-FEM / open loop on a 1 mm sine: RMSE"
@@ -257,7 +257,7 @@ def test_without_the_remote_centre_the_shaft_leaves_the_entry() -> None:
         expected=0,
         measured=guided.metrics["rcm_mean_mm"] / free.metrics["rcm_mean_mm"],
         tolerance=0.01,
-        source="objective switched off, PHYSICS section 6",
+        source="objective switched off, spec of the controllers",
     )
     assert free.metrics["rmse_mm"] < 0.02
     assert free.metrics["rcm_mean_mm"] > 1.0

@@ -134,7 +134,7 @@ def test_friction_cone_and_complementarity_at_every_step(curved: Trip) -> None:
                 spare.append(bound + CUTTING_N - axial)
             met.add(("tip" if e == 0 else "shaft", int(newton.modes[j])))
     assert met >= {(kind, mode) for kind in ("tip", "shaft") for mode in (0, 1, 2)}
-    source = "Coulomb with adhesion, PHYSICS section 3; stick, both slips, cutting and withdrawal occur"
+    source = "Coulomb with adhesion, specification of the interaction; stick, both slips, cutting and withdrawal occur"
     numbers = {"expected": 0, "source": source}
     check("friction cone, every point and step: excess", measured=max(cone), tolerance=1e-8, unit="N", **numbers)
     for name, measured in (("slipping", max(slack)), ("cutting", spare)):

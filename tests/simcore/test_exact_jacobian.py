@@ -1,7 +1,7 @@
 """The exact Jacobian equals central differences of the solved step: every phase, sticking and slipping, at depth.
 
 Rows: tip (3) and, after puncture, the shaft's lateral offsets at the entry (2); columns scaled by a lever arm of 0.1 m.
-Allowed: 1e-4 of each row (PHYSICS.md section 6); the fast form is many times that away, so the test can fail.
+Allowed: 1e-4 of each row (spec of the controllers); the fast form is many times that away, so the test can fail.
 """
 
 from __future__ import annotations

@@ -98,7 +98,7 @@ def hetenyi(k_pa: float, bending_nm2: float, length_m: float, x_m: Vector) -> Ve
 @pytest.mark.parametrize(("needle", "name"), [({}, "18G"), (THIN, "0.7 mm wire")])
 @pytest.mark.parametrize("length_mm", [80.0, 160.0])
 def test_needle_on_an_elastic_foundation(length_mm: float, needle: dict[str, float], name: str) -> None:
-    """Deflection curve, tip, and the robot's force and moment, with k measured apart; PHYSICS section 5 has 1 / b."""
+    """Deflection curve, tip, and the robot's force and moment, with k measured apart; spec has 1 / b."""
     case = lying(length_mm, needle)
     bending, k = case.insertion.needle.bending_nm2, foundation_stiffness(case)
     decay_mm = 1e3 * (4.0 * bending / k) ** 0.25

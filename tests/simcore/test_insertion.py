@@ -30,7 +30,7 @@ from tests.verification import verify
 
 Vector = np.ndarray
 CUTTING_N, ADHESION_N_PER_M = 0.1, 10.0  # the defaults of the scenario
-AXIAL = "straight insertion, PHYSICS section 3: f_cut + tau0 S"
+AXIAL = "straight insertion, spec of the interaction: f_cut + tau0 S"
 check, forces_check = partial(verify, "coupled"), partial(verify, "forces")
 
 
@@ -73,12 +73,15 @@ def test_forces_and_moments_balance_at_every_step(curved: Trip) -> None:
 
 @pytest.mark.parametrize("element_mm", [10.0, 7.5, 6.0])
 def test_no_locking(element_mm: float) -> None:
-    """PHYSICS section 3: rows closer than the mesh can resolve fight each other (a ratio of 118 was seen below h). From
+    """rows closer than the mesh can resolve fight each other (a ratio of 118 was seen below h). From
     spacing / h = 1 to 2 the sum of |lambda_n| is that of the resultant, and changes little: no forces of its own."""
     shares, tissue = (1.0, 1.25, 1.5, 1.75, 2.0), {"element_size_mm": element_mm}
     spacings = [{"spacing_mm": share * element_mm} for share in shares]
     loads = np.array([lateral_load(curved_trip(FORWARD_M, tissue=tissue, interaction=s)) for s in spacings])
-    text, source = f"bent push, h = {element_mm:g} mm, spacing / h = 1 to 2", "no locking, PHYSICS section 3"
+    text, source = (
+        f"bent push, h = {element_mm:g} mm, spacing / h = 1 to 2",
+        "no locking, spec of the interaction",
+    )
     ratio = loads[:, 0] / loads[:, 1]
     check(f"{text}: sum |lambda_n| / |sum lambda_n|", expected=1, measured=ratio, tolerance=0.05, source=source)
     spread = loads[:, 0] / loads[0, 0]
@@ -129,7 +132,7 @@ def test_puncture_at_its_force(puncture_n: float) -> None:
     [(10.0, 10.0), (10.0, 13.0), (10.0, 20.0), (6.5, 6.5), (6.5, 13.0), (4.0, 5.0), (4.0, 8.0)],
 )
 def test_axial_force_law(element_mm: float, spacing_mm: float) -> None:
-    """PHYSICS section 3: f_cut + tau0 S while cutting, -tau0 S while every point slips back, whatever h and spacing.
+    """f_cut + tau0 S while cutting, -tau0 S while every point slips back, whatever h and spacing.
     All three meshes have even counts of cells across: symmetric about the entry."""
     depths = [*(np.arange(1, 41) * 1e-3), *(0.04 - np.arange(1, 36) * 1e-3)]
     tissue = {"element_size_mm": element_mm}
@@ -228,7 +231,7 @@ def test_results_do_not_depend_on_the_solver_tolerance(curved: Trip, exponent: i
 
 @pytest.mark.parametrize("axis", [0, 1])
 def test_a_reflected_path_gives_the_reflected_tip(axis: int) -> None:
-    """PHYSICS section 1: with even cell counts the model has the block's symmetry, friction and cutting included."""
+    """spec of the tissue: with even cell counts the model has the block's symmetry, friction and cutting included."""
     mirror, shift = np.eye(3), np.zeros(3)
     mirror[axis, axis], shift[axis] = -1.0, BLOCK_MM[axis] * 1e-3
     entry = np.array([9e-3, 17e-3, 0.0])

@@ -73,7 +73,7 @@ def error(found: Vector, expected: Vector) -> float:
 )
 def test_fast_form_against_differences(step: int, modes: list[int], lateral: float, axial: float, rcm: float) -> None:
     """Implicit differentiation (Baksic et al. 2020) less the terms that the module names: its error, bounded a fifth
-    above what it is. PHYSICS section 6: fast forms were seen 8 to 33 % off on lateral rows of a curved path."""
+    above what it is. spec of the controllers: fast forms were seen 8 to 33 % off on lateral rows of a curved path."""
     c = case(step)
     assert list(c.after.channel.mode[c.before.channel.active_elements()]) == modes
     tip, offset = c.differences(1e-6)

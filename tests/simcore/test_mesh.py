@@ -44,9 +44,9 @@ def located(mesh: BoxMesh, point: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 
 @pytest.mark.parametrize(("edge_mm", "nodes"), [(10.0, 455), (7.5, 918), (6.0, 1617), (5.0, 2600), (4.0, 5270)])
 def test_node_counts_of_the_papers_block(edge_mm: float, nodes: int) -> None:
-    """PHYSICS section 1: cells = round(size / h)."""
+    """spec of the tissue: cells = round(size / h)."""
     mesh = box_mesh(SIZE_M, Tissue(element_size_mm=edge_mm).cells)
-    text, source = f"nodes of the paper's block at h = {edge_mm:g} mm", "PHYSICS section 1"
+    text, source = f"nodes of the paper's block at h = {edge_mm:g} mm", "spec of the tissue"
     verify("tissue", text, expected=nodes, measured=len(mesh.nodes_m), tolerance=0, source=source)
     assert len(mesh.tets) == 6 * np.prod(mesh.cells)
 
@@ -89,7 +89,7 @@ def test_the_surface_is_closed_and_outward(cells: tuple[int, int, int]) -> None:
 @pytest.mark.parametrize("axis", [0, 1, 2])
 @pytest.mark.parametrize("cells", [(2, 4, 6), (4, 2, 2), (3, 5, 3), (6, 10, 20)])
 def test_the_pattern_mirrors_itself_for_even_counts(cells: tuple[int, int, int], axis: int) -> None:
-    """PHYSICS section 1: reflecting an axis with an even cell count maps the mesh on itself; an odd count does not."""
+    """spec of the tissue: reflecting an axis with an even cell count maps the mesh on itself; an odd count does not."""
     mesh = box_mesh(SIZE_M, cells)
     own = {tuple(t) for t in np.sort(mesh.tets, axis=1)}
     assert (reflected_tets(mesh, axis) == own) == (cells[axis] % 2 == 0)

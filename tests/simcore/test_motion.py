@@ -46,7 +46,7 @@ def test_the_curve() -> None:
 
 
 def test_the_default_is_the_cited_breath() -> None:
-    """PHYSICS section 1: 12 mm peak to peak at 0.25 Hz; off unless asked for."""
+    """specification of the tissue: 12 mm peak to peak at 0.25 Hz; off unless asked for."""
     assert isinstance(Scenario().motion, Still)
     assert BreathingMotion.from_scenario(Scenario().motion) is None
     breath = Scenario.load({"motion": {"kind": "breathing"}}).motion

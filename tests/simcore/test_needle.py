@@ -90,9 +90,9 @@ def loaded(model: NeedleModel, load: Vector, steps: int, x: Vector, R: Vector) -
 
 
 def test_section_of_the_18_gauge_needle() -> None:
-    # PHYSICS section 2: EI = 2.07e-2 N m2, Cowper's coefficient 0.565
+    # specification of the needle: EI = 2.07e-2 N m2, Cowper's coefficient 0.565
     numbers = {"expected": 2.07e-2, "measured": EIGHTEEN_GAUGE.bending_nm2, "tolerance": 5e-5, "unit": "N m2"}
-    check("18G: EI", **numbers, source="PHYSICS section 2")
+    check("18G: EI", **numbers, source="specification of the needle")
     assert EIGHTEEN_GAUGE.torsion_nm2 == pytest.approx(EIGHTEEN_GAUGE.bending_nm2 / 1.29, rel=1e-12)
     coefficient = cowper_coefficient(0.838 / 1.27, 0.29)
     check("18G: shear coefficient", expected=0.565, measured=coefficient, tolerance=5e-4, source="Cowper 1966")
@@ -222,7 +222,7 @@ def test_stretch_and_twist_are_hookes() -> None:
     [(1, 0.30172, 0.05643), (2, 0.49346, 0.16064), (5, 0.71379, 0.38763), (10, 0.81061, 0.55500)],
 )
 def test_elastica(load: float, deflection: float, shortening: float) -> None:
-    # P L^2 / EI = load; Bisshopp & Drucker 1945 and Mattiasson 1981 (PHYSICS section 10)
+    # P L^2 / EI = load; Bisshopp & Drucker 1945 and Mattiasson 1981 (reference numbers of the specification)
     model = unit_rod(40)
     x, R = straight(model, np.zeros(3), np.eye(3))
     tip = loaded(model, np.array([0, load, 0, 0, 0, 0.0]), 5, x, R).x[-1]
@@ -274,7 +274,7 @@ def test_the_unloaded_arc_is_stress_free() -> None:
 
 
 def test_45_degree_bend() -> None:
-    # E = 1e7, nu = 0, GJ = 8.333e5; rod: Reissner rod integrated independently (PHYSICS section 10)
+    # E = 1e7, nu = 0, GJ = 8.333e5; rod: Reissner rod integrated independently (reference numbers of the specification)
     model, x, R = arc(16)
     rod = {300: (22.245, 58.779, 40.192), 600: (15.685, 47.150, 53.475)}
     bathe = {300: (22.5, 59.2, 39.5), 600: (15.9, 47.2, 53.4)}

@@ -118,11 +118,11 @@ def entry_compliances(radius_m: float, cells: Vector) -> Vector:
 
 
 def test_entry_compliance_has_a_mesh_limit_only_with_a_radius() -> None:
-    """PHYSICS section 3: h = 6, 3, 2 mm, the entry always at a node of the same pattern. With a ball of 4 mm the second
+    """h = 6, 3, 2 mm, the entry always at a node of the same pattern. With a ball of 4 mm the second
     increment is to the first at most as 1 to 3 (first order in h); a bare point (Boussinesq) grows like 1 / h."""
     cells = np.array([4, 8, 12])
     ball, point = np.diff(entry_compliances(RADIUS_M, cells)), np.diff(entry_compliances(0.0, cells))
-    text, source = "entry compliance, h = 6, 3, 2 mm: second increment / first", "PHYSICS section 3"
+    text, source = "entry compliance, h = 6, 3, 2 mm: second increment / first", "spec of the interaction"
     for name, increments, expected, tolerance in (("ball of 4 mm", ball, 0, 0.33), ("bare point", point, 1, 0.05)):
         share = increments[1] / increments[0]
         verify("coupled", f"{text}, {name}", expected=expected, measured=share, tolerance=tolerance, source=source)

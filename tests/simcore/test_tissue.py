@@ -244,7 +244,7 @@ def test_polar_rotation_of_an_inverted_element_stays_proper(stretch: tuple[float
 
 @pytest.mark.parametrize("degrees", [0.0, 50.0, 180.0])
 def test_damping_does_not_resist_a_rigid_motion(degrees: float) -> None:
-    """PHYSICS section 1: C v = beta sum R_e K_e R_e^T v = 0 for v = a + omega x x of the turned, undeformed body."""
+    """spec of the tissue: C v = beta sum R_e K_e R_e^T v = 0 for v = a + omega x x of the turned, undeformed body."""
     model = block()
     turn = Rotation.from_rotvec(np.radians(degrees) * np.array([0.36, 0.48, 0.8])).as_matrix()
     x, rotations = model.mesh.nodes_m @ turn.T, cold(model)
@@ -253,7 +253,7 @@ def test_damping_does_not_resist_a_rigid_motion(degrees: float) -> None:
     stretching = stiffness_times(model, spin * [1.0, 1.0, 2.0], rotations)
     share = stiffness_times(model, spin, rotations) / np.abs(stretching).max()
     text = f"damping force of a rigid motion / of a stretching one, body turned by {degrees:g} degrees"
-    check(text, expected=0, measured=share, tolerance=1e-12, source="frame indifference, PHYSICS section 1")
+    check(text, expected=0, measured=share, tolerance=1e-12, source="frame indifference, spec of the tissue")
 
 
 # solutions
