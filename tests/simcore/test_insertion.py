@@ -73,7 +73,7 @@ def test_forces_and_moments_balance_at_every_step(curved: Trip) -> None:
 
 @pytest.mark.parametrize("element_mm", [10.0, 7.5, 6.0])
 def test_no_locking(element_mm: float) -> None:
-    """rows closer than the mesh can resolve fight each other (a ratio of 118 was seen below h). From
+    """Rows closer than the mesh can resolve fight each other (a ratio of 118 was seen below h). From
     spacing / h = 1 to 2 the sum of |lambda_n| is that of the resultant, and changes little: no forces of its own."""
     shares, tissue = (1.0, 1.25, 1.5, 1.75, 2.0), {"element_size_mm": element_mm}
     spacings = [{"spacing_mm": share * element_mm} for share in shares]
