@@ -165,6 +165,64 @@ def system_rows(
 
 
 @kernel
+def respond(
+    w: Vector,
+    gap: Vector,
+    arc: Vector,
+    speed: Vector,
+    force: Vector,
+    solution: Vector,
+    mode: Indices,
+    breaks: Vector,
+    new_force: Vector,
+    new_arc: Vector,
+) -> None:
+    """Forces (a, 3) N and arcs (a,) m from the solution (3a,) of `system_rows`; a stuck arc is its breakpoint."""
+    for i in range(len(mode)):
+        moved = gap[i, 2]
+        for j in range(len(solution)):
+            moved += w[3 * i + 2, j] * (solution[j] - force[j // 3, j % 3])
+        new_arc[i] = arc[i] + moved / speed[i]
+        if mode[i] % 2 == 1:
+            new_arc[i] = breaks[i, mode[i] // 2]
+        for c in range(3):
+            new_force[i, c] = solution[3 * i + c]
+
+
+@kernel
+def advance_modes(
+    force: Vector,
+    arc: Vector,
+    around: Vector,
+    mode: Indices,
+    steps: Indices,
+    breaks: Vector,
+    sign: Vector,
+    extra: Vector,
+    base: Vector,
+    friction: float,
+    one_at_a_time: bool,
+) -> bool:
+    """Move every mode that disagrees with its force and arc to its neighbour, or only the first such; True if all agree
+    and |lambda_n| is where it was linearised."""
+    settled = True
+    for i in range(len(mode)):
+        lateral = np.hypot(force[i, 0], force[i, 1])
+        wanted = next_mode(
+            mode[i], steps[i], arc[i], force[i, 2], lateral, breaks[i], sign[i], extra[i], base[i], friction
+        )
+        if wanted != mode[i]:
+            mode[i] = wanted
+            settled = False
+            if one_at_a_time:
+                break
+        drift = abs(lateral - np.hypot(around[i, 0], around[i, 1]))
+        if mode[i] % 2 == 0 and friction * drift > FORCE_SLACK_N:
+            settled = False
+    return settled
+
+
+@kernel
 def solve_laws(
     w: Vector,
     gap: Vector,
@@ -194,45 +252,17 @@ def solve_laws(
     matrix, right = np.empty((size, size)), np.empty(size)
     around = force.copy()
     sliding = contact and (slide[0] != 0.0 or slide[1] != 0.0)
+    laterally = 0.0 if contact else friction
     for sweep in range(MODE_SWEEPS):
-        laterally = 0.0 if contact else friction
         system_rows(
             w, gap, arc, speed, force, around, mode, breaks, sign, extra, base, laterally, slide, sliding, friction,
             matrix, right,
         )  # fmt: skip
-        solution = np.linalg.solve(matrix, right)
-        settled = True
-        for i in range(len(mode)):
-            moved = gap[i, 2]
-            for j in range(size):
-                moved += w[3 * i + 2, j] * (solution[j] - force[j // 3, j % 3])
-            new_arc[i] = arc[i] + moved / speed[i]
-            if mode[i] % 2 == 1:
-                new_arc[i] = breaks[i, mode[i] // 2]
-            for c in range(3):
-                new_force[i, c] = solution[3 * i + c]
-        for i in range(len(mode)):
-            lateral = np.hypot(new_force[i, 0], new_force[i, 1])
-            wanted = next_mode(
-                mode[i],
-                steps[i],
-                new_arc[i],
-                new_force[i, 2],
-                lateral,
-                breaks[i],
-                sign[i],
-                extra[i],
-                base[i],
-                laterally,
-            )
-            if wanted != mode[i]:
-                mode[i] = wanted
-                settled = False
-                if sweep >= TOGETHER_SWEEPS:
-                    break
-            drift = abs(lateral - np.hypot(around[i, 0], around[i, 1]))
-            if mode[i] % 2 == 0 and laterally * drift > FORCE_SLACK_N:
-                settled = False
+        right[:] = np.linalg.solve(matrix, right)
+        respond(w, gap, arc, speed, force, right, mode, breaks, new_force, new_arc)
+        settled = advance_modes(
+            new_force, new_arc, around, mode, steps, breaks, sign, extra, base, laterally, sweep >= TOGETHER_SWEEPS
+        )
         around[:] = new_force
         if contact:
             before0, before1, was = slide[0], slide[1], sliding

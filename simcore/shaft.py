@@ -63,22 +63,6 @@ def shaft_frame(x: Vector, R: Vector, element_length: float, s: float) -> tuple[
 
 
 @kernel
-def shaft_scatter(R: Vector, e: int, h: Vector, force: Vector, f: Vector) -> None:
-    """Add to f (n+1, 6) N, N m the nodal forces and the moments t x (h force) of a force (3,) N on the shaft.
-
-    e and h (4,) come from `shaft_frame`; it is the transpose of `shaft_columns`.
-    """
-    for node in range(2):
-        i, along = e + node, h[2 * node + 1]
-        t0, t1, t2 = R[i, 0, 2], R[i, 1, 2], R[i, 2, 2]
-        for a in range(3):
-            f[i, a] += h[2 * node] * force[a]
-        f[i, 3] += along * (t1 * force[2] - t2 * force[1])
-        f[i, 4] += along * (t2 * force[0] - t0 * force[2])
-        f[i, 5] += along * (t0 * force[1] - t1 * force[0])
-
-
-@kernel
 def shaft_columns(R: Vector, e: int, h: Vector, out: Vector) -> None:
     """Write to out (3, 12) the gradient of the shaft point, at fixed s, to dx, dw of nodes e and e+1.
 

@@ -26,7 +26,7 @@ from simcore.needle import (
 )
 from simcore.rotations import exp_map
 from simcore.scenario import Needle
-from simcore.shaft import shaft_columns, shaft_frame, shaft_scatter, shaft_weights
+from simcore.shaft import shaft_columns, shaft_frame, shaft_weights
 from tests.verification import verify
 
 Vector = np.ndarray
@@ -412,14 +412,3 @@ def test_shaft_gradient_is_the_derivative_of_the_shaft(s: float, order: int) -> 
             advance(moved_x, moved_R, dq)
             differences[:, j] += sign * shaft_frame(moved_x, moved_R, model.element_length_m, s)[order] / (2 * h)
     np.testing.assert_allclose(columns, differences, atol=1e-8 * np.abs(columns).max())
-
-
-@pytest.mark.parametrize("s", STATIONS)
-def test_scatter_is_the_transpose_of_the_gradient(s: float) -> None:
-    x, R = bent(EIGHTEEN_GAUGE)
-    _, _, _, e, h = shaft_frame(x, R, EIGHTEEN_GAUGE.element_length_m, s)
-    columns, f, force = np.empty((3, 12)), np.zeros((len(x), 6)), np.array([0.3, -0.7, 1.1])
-    shaft_columns(R, e, h, columns)
-    shaft_scatter(R, e, h, force, f)
-    np.testing.assert_allclose(f[e : e + 2].ravel(), columns.T @ force, atol=1e-15)
-    assert not np.delete(f, [e, e + 1], axis=0).any()
