@@ -15,6 +15,7 @@ from service.core import JobId, Service, ServiceOf, documented, matches
 from service.jobs import Job
 from service.problems import HttpProblem
 from service.schemas import JobPage, JobRequest, JobSummary, JobView, State
+from simcore.files import names_mean, nothing
 from simcore.presets import preset
 from simcore.scenario import Scenario
 
@@ -62,7 +63,10 @@ def submit_job(
 
 
 def _scenario(value: Any) -> Scenario:
-    return preset(value) if isinstance(value, str) else Scenario.load(value, files=False)
+    if isinstance(value, str):
+        return preset(value)
+    with names_mean(nothing):
+        return Scenario.load(value)
 
 
 def _hash(value: Any) -> str:

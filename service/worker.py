@@ -60,10 +60,12 @@ def run_job(spec: dict[str, Any], artefact_dir: Path) -> dict[str, Any]:
     succeed or converge is a result like any other.
     """
     from simcore import artefacts, rollout
+    from simcore.files import names_mean, nothing
     from simcore.scenario import Scenario
 
-    scenario = Scenario.load(spec["scenario"], files=False)
     with ExitStack() as stack:
+        stack.enter_context(names_mean(nothing))
+        scenario = Scenario.load(spec["scenario"])
         observers: list[Observer] = [ProgressFile(artefact_dir)]
         if scenario.recording.enabled:
             recorder = _recorder(scenario, spec["job_id"], artefact_dir / "recording.rrd")

@@ -25,6 +25,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from simcore.errors import Problem, ScenarioError
+from simcore.files import located
 from simcore.mesh_quality import fault_of_mesh
 from simcore.tet_mesh import TetMesh
 
@@ -56,18 +57,19 @@ class MeshFile:
     @classmethod
     def read(cls, path: str) -> MeshFile:
         """Raises ScenarioError for a file of another kind, one that cannot be read and one that is too large."""
-        suffix = Path(path).suffix.lower()
+        file = located("tissue.mesh_file", path)
+        suffix = file.suffix.lower()
         if suffix not in FORMATS:
             raise fault(path, f"must end in {', '.join(FORMATS)}")
         try:
-            found = Path(path).stat()
+            found = file.stat()
             wrong = _fault_of_entry(found)
-            data = b"" if wrong else Path(path).read_bytes()
+            data = b"" if wrong else file.read_bytes()
         except (OSError, ValueError) as error:
             wrong = f"cannot be read: {getattr(error, 'strerror', None) or error}"
         if wrong:
             raise fault(path, wrong)
-        return cls(hashlib.sha256(data).hexdigest(), suffix, Path(path).name, data)
+        return cls(hashlib.sha256(data).hexdigest(), suffix, file.name, data)
 
 
 def _fault_of_entry(found: os.stat_result) -> str | None:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 from typing import Annotated, Any, Literal, Self
 
-from pydantic import ConfigDict, Field, ValidationError, ValidationInfo, model_validator
+from pydantic import ConfigDict, Field, ValidationError, model_validator
 
 from simcore.blocks import (
     MAXIMUM_CELLS,
@@ -103,10 +103,10 @@ class Scenario(Block):
         return {**data, **{block: {"kind": kind, **data[block]} for block, kind in absent.items()}}
 
     @model_validator(mode="after")
-    def _consistent(self, info: ValidationInfo) -> Self:
+    def _consistent(self) -> Self:
         """Settle the derived fields, then check the rules between fields."""
         settle = object.__setattr__
-        settle(self, "tissue", with_mesh(self.tissue, files=(info.context or {}).get("files", True)))
+        settle(self, "tissue", with_mesh(self.tissue))
         settle(self, "interaction", with_spacing(self.interaction, self.tissue))
         settle(self, "controller", with_model_spacing(self.controller, self))
         if problems := problems_between(self):
@@ -114,10 +114,10 @@ class Scenario(Block):
         return self
 
     @classmethod
-    def load(cls, data: Any, *, files: bool = True) -> Scenario:
+    def load(cls, data: Any) -> Scenario:
         """Validate a JSON value (dict) or a JSON text. Raises ScenarioError, which names every wrong field.
 
-        files: whether a scenario may name files of this machine; if not, they are refused and never opened.
+        Files that it names are looked up as `simcore.files` says at that moment.
         """
         try:
             if isinstance(data, bytes):
@@ -126,7 +126,7 @@ class Scenario(Block):
         except (TypeError, ValueError, RecursionError) as error:
             raise ScenarioError([Problem("scenario", type(data).__name__, f"is not JSON: {error}")]) from None
         try:
-            return cls.model_validate_json(text, context={"files": files})
+            return cls.model_validate_json(text)
         except ValidationError as error:
             raise ScenarioError(problems_of(error, cls, text)) from None
 

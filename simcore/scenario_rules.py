@@ -22,7 +22,7 @@ from simcore.blocks import (
     SineTrajectory,
     Tissue,
 )
-from simcore.errors import Problem, ScenarioError
+from simcore.errors import Problem
 from simcore.mesh_checks import fields_of_mesh, path_problems
 
 if TYPE_CHECKING:
@@ -41,13 +41,10 @@ def problems_between(s: Scenario) -> list[Problem]:
     ]
 
 
-def with_mesh(tissue: Tissue, *, files: bool) -> Tissue:
-    """The tissue with digest, size and element size of its mesh file; files: whether one may be opened at all."""
+def with_mesh(tissue: Tissue) -> Tissue:
+    """The tissue with digest, size and element size of its mesh file."""
     if tissue.mesh_file is None:
         return tissue
-    if not files:
-        refused = "names a file on this machine, which is not accepted here: run it with the command line"
-        raise ScenarioError([Problem("tissue.mesh_file", tissue.mesh_file, refused)])
     return tissue.model_copy(update=fields_of_mesh(tissue))
 
 

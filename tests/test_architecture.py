@@ -22,7 +22,7 @@ MAXIMUM_FUNCTION_LINES = 70
 # From the ground up: a module imports only from the rows above its own. A new module gets its place here.
 LAYERS = (
     ("errors", "compiled", "krylov", "mesh_quality"),
-    ("rotations", "trajectory", "validation", "bounding_tree", "tissue_tangent"),
+    ("files", "rotations", "trajectory", "validation", "bounding_tree", "tissue_tangent"),
     ("blocks", "mesh", "tet_search"),
     ("tet_mesh",),
     ("mesh_file",),
