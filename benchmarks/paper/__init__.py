@@ -1,0 +1,1 @@
+"""The paper, rerun: experiments, statistics, claims and report."""
