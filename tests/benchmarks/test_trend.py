@@ -1,0 +1,62 @@
+"""Marks of a history: digests, paired errors, and times against the same machine."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+
+import pytest
+
+from benchmarks.trend import Mark, Point, judge, judged
+
+CASES = [f"case-{i}" for i in range(12)]
+BASE = Point(0.0, "a", "cpu", dict.fromkeys(CASES, 0.1), dict.fromkeys(CASES, "d"), 12, 2.0)
+
+
+def shifted(by_mm: float, cases: list[str]) -> Point:
+    errors = {case: 0.1 + (by_mm if case in cases else 0.0) for case in CASES}
+    return replace(BASE, rmse_mm=errors, digests={c: "e" if c in cases else "d" for c in CASES})
+
+
+def test_the_first_run_is_no_regression() -> None:
+    found = judge(BASE, [])
+    assert (found.accuracy, found.success, found.time) == (Mark.FIRST,) * 3
+    assert not found.regression
+
+
+@pytest.mark.parametrize(
+    ("by_mm", "cases", "mark"),
+    [
+        (0.0, CASES, Mark.SAME),  # other digests, same errors
+        (0.02, CASES, Mark.WORSE),
+        (-0.02, CASES, Mark.BETTER),
+        (0.001, CASES, Mark.SAME),  # real, and not worth a mark
+        (0.02, CASES[:3], Mark.SAME),  # 3 of 3 signs: p = 0.25
+    ],
+)
+def test_accuracy_is_judged_by_pairs(by_mm: float, cases: list[str], mark: Mark) -> None:
+    assert judge(shifted(by_mm, cases), [BASE]).accuracy is mark
+
+
+def test_a_failure_is_worse_than_any_error_and_two_failures_are_a_tie() -> None:
+    failed = replace(BASE, rmse_mm=dict.fromkeys(CASES, math.inf), digests=dict.fromkeys(CASES, "e"), successes=0)
+    assert judge(failed, [BASE]).accuracy is Mark.WORSE
+    assert judge(failed, [BASE]).success is Mark.WORSE
+    assert judge(replace(failed, digests=dict.fromkeys(CASES, "f")), [failed]).accuracy is Mark.SAME
+
+
+@pytest.mark.parametrize(("step_ms", "mark"), [(2.1, Mark.SAME), (2.5, Mark.WORSE), (1.5, Mark.BETTER)])
+def test_time_is_judged_against_the_same_machine(step_ms: float, mark: Mark) -> None:
+    history = [replace(BASE, step_ms=step) for step in (2.0, 2.02, 1.98, 9.0)]  # one outlier does not matter
+    assert judge(replace(BASE, step_ms=step_ms), history).time is mark
+    assert judge(replace(BASE, step_ms=step_ms, machine="other"), history).time is Mark.FIRST
+
+
+def test_a_noisy_machine_allows_more() -> None:
+    history = [replace(BASE, step_ms=step) for step in (1.5, 2.0, 2.5)]
+    assert judge(replace(BASE, step_ms=3.0), history).time is Mark.SAME
+
+
+def test_every_point_of_a_history_is_judged_by_those_before() -> None:
+    marks = [found.accuracy for found in judged([BASE, BASE, shifted(0.02, CASES)])]
+    assert marks == [Mark.FIRST, Mark.SAME, Mark.WORSE]
