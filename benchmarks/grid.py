@@ -19,7 +19,7 @@ MAXIMUM_CASES = 20_000
 def grid(base: Mapping[str, Any], axes: Mapping[str, Sequence[Any]], *, name: str = "grid") -> Suite:
     """The product of the axes over a base scenario, the last axis running fastest.
 
-    base: scenario JSON. axes: dotted path of a scenario field -> its values; `{"controller.kind": ["ifem", "open_loop"],
+    base: scenario JSON. axes: dotted path of a field -> its values; `{"controller.kind": ["ifem", "open_loop"],
     "seed": [0, 1]}` gives four cases. Axes over a `kind` are set before the fields of its block. Each case is labelled
     with the values of its axes and, so that analyses pair controllers, with `arm`. Raises ScenarioError, which names
     the axis, or the field of the case that cannot be run.
