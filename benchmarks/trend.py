@@ -35,7 +35,7 @@ class Mark(StrEnum):
 class Point:
     """One run of a suite. rmse_mm: of each case by its id, inf where it failed; digests too.
 
-    at: UTC seconds since 1970. machine: processor and number of cores. step_ms: median of the cases' median whole steps,
+    at: UTC seconds since 1970. machine: processor and number of cores. step_ms: median of the cases' median steps,
     None where none was measured.
     """
 
