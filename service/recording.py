@@ -1,7 +1,11 @@
 """Streams a run into a Rerun recording while it is simulated.
 
 A recording is a view of the run; the arrays and metrics beside it are the record. The stream goes to a file only,
-in blocks of a fixed number of steps: the growing file can be tailed, and a killed run loses its last block at most.
+in blocks of so many steps, or fewer once the oldest has waited for BLOCK_S: the growing file can be tailed, and a
+killed run loses its last block at most. How the rows are cut into blocks changes no row.
+
+Blocks are built on the thread that simulates. A thread of their own would save nothing: building columns and the
+simulation's kernels both hold the interpreter's lock. What releases it, encoding and writing, is on Rerun's thread.
 
 A failure to record never changes or stops a run: the observer gives up, closes what it has and says so in `warning`.
 A full disk is no exception: the results that matter are written after the run, and fail there with their own error.
@@ -14,6 +18,7 @@ import os
 import signal
 import subprocess
 import threading
+import time
 from collections.abc import Callable
 from pathlib import Path
 from types import FrameType, TracebackType
@@ -23,7 +28,7 @@ import rerun as rr
 
 from service import viewer
 from service.blueprint import blueprint
-from service.columns import BLOCK_STEPS, Block, Drawing, log_static
+from service.columns import Block, Drawing, log_static
 from service.job_text import job_text, plain_values
 from simcore.records import Scene, StepRecord
 
@@ -31,7 +36,10 @@ if TYPE_CHECKING:
     from simcore.rollout import Rollout
 
 APPLICATION = "needlebench"
+BLOCK_S = 1.0  # of wall time that a step may wait until it is sent
 _OPTIMIZE_TIMEOUT_S = 300.0
+
+Clock = Callable[[], float]
 
 
 class RerunObserver:
@@ -40,12 +48,21 @@ class RerunObserver:
     recording_id: names the recording in a viewer, unique among those opened together.
     provenance: JSON values stored with the recording from its start, such as job id and commit.
     Within the context, SIGTERM ends the process by SystemExit instead of at once, unless someone else handles it.
+    clock: seconds, by which a step is not kept back for long.
     """
 
-    def __init__(self, path: Path, *, recording_id: str, provenance: dict[str, Any] | None = None) -> None:
+    def __init__(
+        self,
+        path: Path,
+        *,
+        recording_id: str,
+        provenance: dict[str, Any] | None = None,
+        clock: Clock = time.perf_counter,
+    ) -> None:
         self.path = path
         self.recording_id = recording_id
         self.provenance = provenance or {}
+        self.clock = clock
         self.warning: str | None = None  # why the recording is missing or incomplete
         self._recorder: _Recorder | None = None
         self._old_handler: Any = None
@@ -69,7 +86,7 @@ class RerunObserver:
             self._attempt(lambda: self._open(scene, first))
 
     def step(self, record: StepRecord) -> None:
-        """Buffer a copy of the record; every BLOCK_STEPS steps, send them."""
+        """Buffer a copy of the record; send the buffered ones if they are many or old."""
         if self._recorder is not None:
             recorder = self._recorder
             self._attempt(lambda: recorder.add(record))
@@ -90,11 +107,11 @@ class RerunObserver:
             self._attempt(recorder.close)
 
     def _open(self, scene: Scene, first: StepRecord) -> None:
-        self._recorder = _Recorder(self.path, self.recording_id, scene, self.provenance)
+        self._recorder = _Recorder(self.path, self.recording_id, scene, self.provenance, self.clock)
         self._recorder.add(first)
 
     def _attempt(self, action: Callable[[], None]) -> None:
-        """Do it, or give up recording: a run must not depend on being watched."""
+        """Do it, or give up recording with the rows there are: a run must not depend on being watched."""
         try:
             action()
         except Exception as error:
@@ -103,15 +120,15 @@ class RerunObserver:
             recorder, self._recorder = self._recorder, None
             if recorder is not None:
                 with contextlib.suppress(Exception):
-                    recorder.stream.disconnect()
+                    recorder.close()
 
 
 class _Recorder:
     """An open recording; every method may raise."""
 
-    def __init__(self, path: Path, recording_id: str, scene: Scene, provenance: dict[str, Any]) -> None:
+    def __init__(self, path: Path, recording_id: str, scene: Scene, provenance: dict[str, Any], clock: Clock) -> None:
         rr.set_strict_mode(True)
-        self.scene = scene
+        self.scene, self.clock = scene, clock
         with path.open("wb"):  # a path that cannot be written is an error here, not on Rerun's thread
             pass
         self.stream = rr.RecordingStream(APPLICATION, recording_id=recording_id)
@@ -120,16 +137,17 @@ class _Recorder:
         self.stream.set_sinks(rr.FileSink(path), default_blueprint=blueprint(scene))
         self.drawing = Drawing.of(scene)
         self.block = Block(self.drawing)
+        self.sent_s = clock()
         log_static(self.stream, scene, self.drawing)
         self._send_scenario(provenance)
-        self.stream.flush()
+        self.stream.flush(timeout_sec=0)  # for whoever follows the file; the run need not wait for it
 
     def _send_scenario(self, provenance: dict[str, Any]) -> None:
         scenario = self.scene.scenario
         self.stream.send_recording_name(scenario.name)
-        self.stream.send_property("scenario", rr.AnyValues(**plain_values(scenario.resolved())))
+        self.stream.send_property("scenario", _values(scenario.resolved()))
         if provenance:
-            self.stream.send_property("provenance", rr.AnyValues(**plain_values(provenance)))
+            self.stream.send_property("provenance", _values(provenance))
         self._send_job(None)
 
     def _send_job(self, result: dict[str, Any] | None) -> None:
@@ -138,17 +156,18 @@ class _Recorder:
 
     def add(self, record: StepRecord) -> None:
         self.block.add(record)
-        if len(self.block) >= BLOCK_STEPS:
+        if self.block.full or self.clock() - self.sent_s >= BLOCK_S:
             self._send()
 
     def _send(self) -> None:
-        if len(self.block):
-            self.block.send(self.stream)
-            self.block = self.block.next()
+        block = self.block
+        if block.rows:
+            self.block, self.sent_s = block.next(), self.clock()
+            block.send(self.stream)
 
     def send_result(self, result: dict[str, Any]) -> None:
         self._send()
-        self.stream.send_property("result", rr.AnyValues(**plain_values(result, leave_out=("scenario",))))
+        self.stream.send_property("result", _values(result, leave_out=("scenario",)))
         self._send_job(result)
 
     def close(self) -> None:
@@ -157,6 +176,12 @@ class _Recorder:
             self.stream.flush()
         finally:
             self.stream.disconnect()
+
+
+def _values(data: dict[str, Any], leave_out: tuple[str, ...] = ()) -> rr.AnyValues:
+    """JSON data as a property, without empty texts; a value as a list of one: for a bare one Arrow looks for pandas."""
+    values: dict[str, Any] = {name: [v] for name, v in plain_values(data, leave_out).items() if v != ""}
+    return rr.AnyValues(**values)
 
 
 def optimize(path: Path) -> None:

@@ -21,7 +21,7 @@ from rerun.error_utils import RerunWarning
 
 from service import recording
 from service.blueprint import DISPLACEMENT_SCALE_M
-from service.columns import BLOCK_STEPS, FORCE_ARROW_M_PER_N, PLOTS, Before, displacement_colors
+from service.columns import BLOCK_STEPS, FORCE_ARROW_M_PER_N, PLOTS, Moment, displacement_colors
 from service.job_text import job_text, plain_values
 from service.recording import RerunObserver, optimize
 from service.worker import Together
@@ -29,7 +29,7 @@ from simcore.records import Scene, StepRecord, Vector
 from simcore.scenario import Scenario
 from tests.service.fake_run import FakeRollout, FakeRun
 
-STEPS = 130  # two full blocks and a part
+STEPS = 230  # two full blocks and a part
 
 
 def short(**changes: Any) -> Scenario:
@@ -147,36 +147,38 @@ def test_force_arrows_are_the_scaled_forces(kept: tuple[Path, Keeper]) -> None:
 def test_plots_are_recorded_exactly(kept: tuple[Path, Keeper]) -> None:
     path, keeper = kept
     dt_s = keeper.scene.scenario.dt_s
-    poses = [Before.of(record) for record in keeper.records]
+    moments = [Moment.of(record) for record in keeper.records]
     for plot in PLOTS:
         rows = recorded(path, plot.entity, "Scalars:scalars")
         assert list(rows) == list(range(STEPS + 1))
-        for record, before in zip(keeper.records, poses[:1] + poses, strict=False):
-            expected = np.array(plot.values(record, before, dt_s))
+        for record, now, before in zip(keeper.records, moments, moments[:1] + moments, strict=False):
+            expected = np.array(plot.values(record, now, before, dt_s))
             assert np.array_equal(rows[record.step], expected), (plot.entity, record.step)
 
 
 def test_plotted_numbers_in_their_units(kept: tuple[Path, Keeper]) -> None:
     path, keeper = kept
-    before, record = keeper.records[64:66]
-    error = recorded(path, "metrics/error", "Scalars:scalars")[65]
+    middle = STEPS // 2
+    before, record = keeper.records[middle - 1 : middle + 1]
+    error = recorded(path, "metrics/error", "Scalars:scalars")[middle]
     assert error == pytest.approx([1e3 * np.linalg.norm(record.tip_m - before.target_m), 1e3 * record.rcm_error_m])
-    forces = recorded(path, "metrics/forces", "Scalars:scalars")[65]
+    forces = recorded(path, "metrics/forces", "Scalars:scalars")[middle]
     assert forces == pytest.approx([record.base_force_n[2], np.linalg.norm(record.base_force_n[:2])])
     speed = keeper.scene.scenario.trajectory.speed_mm_s
-    assert recorded(path, "metrics/command", "Scalars:scalars")[65][1] == pytest.approx(speed, rel=0.02)
-    depth = recorded(path, "metrics/depth", "Scalars:scalars")[65]
+    assert recorded(path, "metrics/command", "Scalars:scalars")[middle][1] == pytest.approx(speed, rel=0.02)
+    depth = recorded(path, "metrics/depth", "Scalars:scalars")[middle]
     assert depth[0] == pytest.approx(1e3 * keeper.scene.scenario.path().length_m / 2)
 
 
 def test_turn_rate_of_a_small_rotation() -> None:
     run = FakeRun(short())
     record, angle = run.record(1), np.radians(0.01)
-    before = Before.of(record)
+    before = Moment.of(record)
     turned = np.array([np.cos(angle / 2), np.sin(angle / 2), 0.0, 0.0])
     command = next(plot for plot in PLOTS if plot.entity == "metrics/command")
     for sign in (1.0, -1.0):
-        rate = command.values(replace(record, base_rotation=sign * turned), before, 0.01)[2]
+        after = replace(record, base_rotation=sign * turned)
+        rate = command.values(after, Moment.of(after), before, 0.01)[2]
         assert rate == pytest.approx(1.0, rel=1e-9)
 
 
@@ -235,26 +237,39 @@ def test_the_layout_shows_entities_that_exist(kept: tuple[Path, Keeper]) -> None
         assert any(entity == origin or entity.startswith(f"{origin}/") for entity in entities), origin
 
 
-def test_the_same_run_gives_the_same_content(tmp_path: Path) -> None:
+def content(path: Path) -> dict[tuple[str, str, str], str]:
+    """(entity, component, times) -> value of every row, however the rows are cut into chunks."""
+    found = {}
+    for chunk in reader(path).stream():
+        if chunk.entity_path == "/__properties":  # the wall-clock time of its start
+            continue
+        columns = chunk.to_record_batch().to_pydict()
+        for row in range(chunk.num_rows):
+            times = str([columns[timeline][row] for timeline in sorted(chunk.timeline_names)])
+            for name in columns.keys() - {"rerun.controls.RowId", *chunk.timeline_names}:
+                found[chunk.entity_path, name, times] = str(columns[name][row])
+    return found
+
+
+def test_the_same_run_gives_the_same_content_however_long_its_steps_take(tmp_path: Path) -> None:
     contents = []
-    for name in ("first", "second"):
-        path = tmp_path / f"{name}.rrd"
-        with RerunObserver(path, recording_id=name) as recorder:
+    for name, step_s in (("first", 0.0), ("second", 0.0), ("slow", 0.3)):
+        path, clock = tmp_path / f"{name}.rrd", itertools.count()
+        with RerunObserver(path, recording_id=name, clock=lambda c=clock, s=step_s: s * next(c)) as recorder:  # type: ignore[misc]
             FakeRun(short()).run(recorder)
-        batches = [
-            (chunk.entity_path, chunk.to_record_batch())
-            for chunk in reader(path).stream()
-            if chunk.entity_path != "/__properties"  # the wall-clock time of its start
-        ]
-        contents.append(
-            {
-                (entity, name, tuple(map(str, batch.column(name).to_pylist())))
-                for entity, batch in batches
-                for name in batch.schema.names
-                if name != "rerun.controls.RowId"
-            }
-        )
-    assert contents[0] == contents[1]
+        assert recorder.warning is None
+        contents.append(content(path))
+    assert len(contents[0]) > 14 * STEPS
+    assert contents[0] == contents[1] == contents[2]
+
+
+def test_a_slow_run_is_sent_in_small_blocks(tmp_path: Path) -> None:
+    path, now_s = tmp_path / "recording.rrd", itertools.count()
+    with pytest.raises(RuntimeError), RerunObserver(path, recording_id="slow", clock=lambda: 0.4 * next(now_s)) as it:
+        FakeRun(short(), stop_at=20, error=RuntimeError("here")).run(it)
+    chunks = [c for c in reader(path).stream() if c.entity_path == "/world/tip" and not c.is_static]
+    assert sum(chunk.num_rows for chunk in chunks) == 21
+    assert max(chunk.num_rows for chunk in chunks) <= 3
 
 
 def test_nothing_is_recorded_if_the_scenario_says_so(tmp_path: Path) -> None:
@@ -284,11 +299,11 @@ class Killer:
     def begin(self, scene, first): pass
     def end(self, rollout): pass
     def step(self, record):
-        if record.step == 120:
+        if record.step == 220:
             os.kill(os.getpid(), getattr(signal, sys.argv[2]))
 
 from service.worker import Together
-with RerunObserver(Path(sys.argv[1]), recording_id="killed") as recorder:
+with RerunObserver(Path(sys.argv[1]), recording_id="killed", clock=lambda: 0.0) as recorder:
     FakeRun(short()).run(Together((recorder, Killer())))
 """
 
@@ -296,7 +311,7 @@ with RerunObserver(Path(sys.argv[1]), recording_id="killed") as recorder:
 @pytest.mark.skipif(os.name == "nt", reason="POSIX signals")
 @pytest.mark.parametrize(
     ("sent", "code", "steps"),
-    [("SIGTERM", 128 + signal.SIGTERM, range(121)), ("SIGKILL", -9, range(2 * BLOCK_STEPS))],
+    [("SIGTERM", 128 + signal.SIGTERM, range(221)), ("SIGKILL", -9, range(2 * BLOCK_STEPS))],
 )
 def test_a_killed_run_leaves_a_readable_recording(tmp_path: Path, sent: str, code: int, steps: range) -> None:
     path = tmp_path / "recording.rrd"
@@ -320,7 +335,7 @@ def test_the_file_grows_while_the_run_goes_on(tmp_path: Path) -> None:
                 copied.write_bytes(path.read_bytes())
                 seen.extend(recorded(copied, "world/tip", "Points3D:positions"))
 
-    with RerunObserver(path, recording_id="grows") as recorder:
+    with RerunObserver(path, recording_id="grows", clock=lambda: 0.0) as recorder:
         FakeRun(short()).run(Together((recorder, Watcher())))
     assert seen == list(range(2 * BLOCK_STEPS))
 
@@ -346,7 +361,7 @@ def test_a_record_that_cannot_be_drawn_is_a_warning(tmp_path: Path) -> None:
     assert isinstance(rollout, FakeRollout)
     assert recorder.warning is not None
     assert recorder.warning.startswith("recording stopped: ")
-    assert list(recorded(path, "metrics/error", "Scalars:scalars"))[:50] == list(range(50))
+    assert list(recorded(path, "metrics/error", "Scalars:scalars")) == list(range(61))
 
 
 FULL_DISK = """
@@ -383,7 +398,8 @@ def test_compacting_that_fails_leaves_the_original(tmp_path: Path) -> None:
 def test_colours_go_from_none_to_the_scale_and_no_further() -> None:
     moved = np.array([[0.0, 0, 0], [DISPLACEMENT_SCALE_M, 0, 0], [1.0, 0, 0]])
     first, full, beyond = displacement_colors(moved)
-    assert tuple(full) == tuple(beyond) != tuple(first)
+    assert full == beyond != first
+    assert (first, full) == (0x3A4C6EFF, 0xF0543CFF)
 
 
 def test_job_text_marks_what_differs_from_the_defaults() -> None:
