@@ -29,9 +29,10 @@ test: check  ## everything: lint, format, types and all tests
 test-fast: check  ## the same without the slow tests
 	$(BIN)/python -m pytest -m "not slow" $(ARGS)
 
-verification: env  ## run the physics tests and write benchmarks/results/verification.md (SOURCE_DATE=... for its header)
+verification: env  ## run the physics and reproducibility tests and write benchmarks/results/verification.md (SOURCE_DATE=... for its header)
 	SOURCE_DATE="$${SOURCE_DATE:-$$(date -u +%Y-%m-%d)}" \
-	$(BIN)/python -m pytest tests/simcore --verification benchmarks/results/verification.md $(ARGS)
+	$(BIN)/python -m pytest tests/simcore tests/acceptance/test_reproducibility.py \
+	--verification benchmarks/results/verification.md $(ARGS)
 
 lock: env  ## write requirements.lock anew from pyproject.toml (needs uv; ARGS=--upgrade for the newest versions)
 	@command -v $(UV) >/dev/null || { echo "make lock needs uv: pipx install uv"; exit 1; }

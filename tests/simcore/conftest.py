@@ -129,6 +129,16 @@ def stiffness_times(model: TissueModel, v: Vector, rotations: Vector) -> Vector:
     return out
 
 
+def surface_areas(model: TissueModel, face: str) -> Vector:
+    """(n,) m2: a third of each surface triangle in the face to each of its nodes."""
+    mesh = model.mesh
+    triangles = mesh.surface_triangles[np.isin(mesh.surface_triangles, mesh.faces[face]).all(axis=1)]
+    a, b, c = np.swapaxes(mesh.nodes_m[triangles], 0, 1)
+    areas = np.zeros(len(mesh.nodes_m))
+    np.add.at(areas, triangles, (np.linalg.norm(np.cross(b - a, c - a), axis=1) / 6.0)[:, None])
+    return areas
+
+
 def relaxed(model: TissueModel, load: Vector, x: Vector) -> Vector:
     """Equilibrium under nodal loads (n, 3) N: the true residual, corrected with the factor at rest."""
     compliance, free = Compliance(model, 1.0, 1), model.unknown >= 0

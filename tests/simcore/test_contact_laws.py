@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from itertools import product
 
 import numpy as np
+import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
@@ -95,8 +96,9 @@ def consistent(p: Problem, force: Vector, arc: Vector, mode: Vector) -> bool:
     return True
 
 
-def brute_force(p: Problem) -> list[tuple[Vector, Vector]]:
-    """Every consistent solution: all combinations of modes, each by fixed-point iteration on |lambda_n|."""
+def brute_force(p: Problem) -> list[tuple[Vector, Vector, Vector]]:
+    """Every consistent solution (force, arc, mode): all combinations of modes, each by fixed-point iteration on the
+    friction's |lambda_n|."""
     found = []
     for mode in product(*(range(2 * count + 1) for count in p.steps)):
         force = fixed_modes(p, np.array(mode))
@@ -104,7 +106,7 @@ def brute_force(p: Problem) -> list[tuple[Vector, Vector]]:
             continue
         arc = p.arc + p.gaps(force)[:, 2] / p.speed
         if consistent(p, force, arc, np.array(mode)):
-            found.append((force, arc))
+            found.append((force, arc, np.array(mode)))
     return found
 
 
@@ -138,10 +140,30 @@ def test_solution_is_one_of_brute_force(seed: int, elements: int, friction: floa
     expected = brute_force(p)
     assert expected
     if friction == 0.0:
-        assert np.ptp([force for force, _ in expected], axis=0).max() < 1e-8  # monotone laws: unique
+        assert np.ptp([force for force, _, _ in expected], axis=0).max() < 1e-8  # monotone laws: unique
     force, arc = p.solved()
-    assert min(np.abs(force - other).max() for other, _ in expected) < 1e-8
-    assert min(np.abs(arc - other).max() for _, other in expected) < 1e-10
+    assert min(np.abs(force - other).max() for other, _, _ in expected) < 1e-8
+    assert min(np.abs(arc - other).max() for _, other, _ in expected) < 1e-10
+
+
+@pytest.mark.parametrize("friction", [0.0, 0.1, 0.3])
+def test_friction_states_are_those_of_the_fixed_point_reference(friction: float) -> None:
+    """Stick, slip and cutting of each point, and the forces, in 60 problems of two and three points, the tip at the
+    channel end or withdrawn from it: one of the solutions that the reference finds."""
+    states, misses = 0, []
+    for seed in range(60):
+        p = random_problem(seed, 2 + seed % 2, friction, withdrawn=seed % 3 == 0)
+        expected = brute_force(p)
+        force, _ = p.solved()
+        nearest = min(expected, key=lambda found: float(np.abs(force - found[0]).max()))
+        states += int((p.mode != nearest[2]).any())
+        misses.append(np.abs(force - nearest[0]).max())
+    text, source = (
+        f"friction at mu = {friction:g}, 60 problems",
+        "all modes, each by fixed-point iteration on |lambda_n|",
+    )
+    verify("coupled", f"{text}: other friction state", expected=0, measured=states, tolerance=0, source=source)
+    verify("coupled", f"{text}: forces", expected=0, measured=misses, tolerance=1e-8, source=source, unit="N")
 
 
 @quick

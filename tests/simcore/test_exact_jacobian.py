@@ -25,10 +25,12 @@ from simcore.robot import limited_pose
 from simcore.scenario import Scenario
 from simcore.trajectory import targets
 from tests.simcore.conftest import AHEAD, TIGHT, advanced, block_scenario, curved_pose, moved
+from tests.verification import verify
 
 Vector = NDArray[np.float64]
 
 LEVER = np.array([1.0, 1.0, 1.0, 0.1, 0.1, 0.1])
+FAST_BOUND = {"quasi-static": 0.13, "dynamic": 0.2, "line": 0.023, "sine": 0.43}
 DAMPED = {"density_kg_m3": 1000.0, "rayleigh_mass_per_s": 2.0, "rayleigh_stiffness_s": 0.02}
 
 
@@ -74,6 +76,15 @@ def errors(case: Case, step_m: float = 1e-7) -> tuple[Vector, Vector, NDArray[np
     return np.linalg.norm(exact - expected, axis=1) / size, np.linalg.norm(fast - expected, axis=1) / size, mode
 
 
+def check(text: str, exact: Vector, fast: Vector, *, fast_bound: float) -> None:
+    """Record both errors, the worst row; that of the fast form is shown, and bounded a fifth above what it is."""
+    source = "central differences of the solved step (after Baksic et al. 2020)"
+    shown = (("exact", exact, 1e-4), ("fast", fast, fast_bound))
+    for name, found, tolerance in shown:
+        case = f"{name} Jacobian, {text}: error of any row"
+        verify("coupled", case, expected=0, measured=found, tolerance=tolerance, source=source)
+
+
 def pushed(insertion: Insertion, advance_m: float, steps: int) -> tuple[InsertionState, InsertionState, Pose]:
     """States before and after the last of `steps` steps along the curved way, and its base pose."""
     state = insertion.initial_state(AHEAD)
@@ -84,10 +95,15 @@ def pushed(insertion: Insertion, advance_m: float, steps: int) -> tuple[Insertio
     return before, state, base
 
 
-@pytest.fixture(scope="module", params=[{}, DAMPED], ids=["quasi-static", "dynamic"])
-def walk(request: pytest.FixtureRequest) -> dict[str, Case]:
+@pytest.fixture(scope="module", params=["quasi-static", "dynamic"])
+def kind(request: pytest.FixtureRequest) -> str:
+    return str(request.param)
+
+
+@pytest.fixture(scope="module")
+def walk(kind: str) -> dict[str, Case]:
     """Push 48 mm on a curved way, reverse by a little, pull back past the first point, push again."""
-    insertion = Insertion(block_scenario(tissue=request.param))
+    insertion = Insertion(block_scenario(tissue=DAMPED if kind == "dynamic" else {}))
     before, state, base = pushed(insertion, 0.048, 96)
     cases = {"pushing": Case(insertion, before, base)}
     cases["reversed by 0.02 mm"] = Case(insertion, state, moved(base, np.array([1e-5, 2e-5, -2e-5])))
@@ -95,7 +111,7 @@ def walk(request: pytest.FixtureRequest) -> dict[str, Case]:
         base = moved(base, np.array([0.0, 0.0, -5e-4]))
         before, state = state, advanced(insertion, state, base)
         if i in (7, 19):
-            cases["half slipping" if i == 7 else "pulled back"] = Case(insertion, before, base)
+            cases["pulled back a little" if i == 7 else "pulled back"] = Case(insertion, before, base)
     cases["turned round"] = Case(insertion, state, moved(base, np.array([1e-5, 0.0, 1e-4])))
     for _ in range(16):
         base = moved(base, np.array([0.0, 0.0, 5e-4]))
@@ -104,14 +120,14 @@ def walk(request: pytest.FixtureRequest) -> dict[str, Case]:
 
 
 @pytest.mark.parametrize(
-    "name", ["pushing", "reversed by 0.02 mm", "half slipping", "pulled back", "turned round", "pushing again"]
+    "name", ["pushing", "reversed by 0.02 mm", "pulled back a little", "pulled back", "turned round", "pushing again"]
 )
-def test_sticking_and_slipping(walk: dict[str, Case], name: str) -> None:
+def test_sticking_and_slipping(walk: dict[str, Case], kind: str, name: str) -> None:
     exact, fast, mode = errors(walk[name])
     slipping = np.count_nonzero(mode % 2 == 0)
     expected = {"pushing": len(mode), "pulled back": len(mode), "pushing again": len(mode), "turned round": 0}
     assert slipping == expected.get(name, slipping)
-    assert exact.max() < 1e-4
+    check(f"{kind}, {name}, {slipping} of {len(mode)} points slip", exact, fast, fast_bound=FAST_BOUND[kind])
     assert fast.max() > 1e-2
 
 
@@ -120,9 +136,10 @@ def test_paper_block_at_four_depths(kind: str) -> None:
     """I-FEM on a line and on a sine, at 3, 30, 70 and 110 mm of a block of the paper's size, coarsely meshed."""
     scenario = controlled_scenario(kind)
     worst = 0.0
-    for case in depths(scenario, (3.0, 30.0, 70.0, 110.0)):
+    places = (3.0, 30.0, 70.0, 110.0)
+    for depth, case in zip(places, depths(scenario, places), strict=True):
         exact, fast, _ = errors(case)
-        assert exact.max() < 1e-4
+        check(f"I-FEM on a {kind}, {depth:g} mm deep", exact, fast, fast_bound=FAST_BOUND[kind])
         worst = max(worst, float(fast.max()))
     assert worst > 1e-2
 
@@ -174,15 +191,18 @@ def surface_contact(sideways_m: float, tilt_rad: float = 0.0) -> Case:
     return Case(insertion, before, base)
 
 
-@pytest.mark.parametrize(("sideways_m", "tilt_rad"), [(2e-5, 0.0), (5e-4, 0.0), (5e-4, 0.4)])
-def test_surface_contact_before_puncture(sideways_m: float, tilt_rad: float) -> None:
+@pytest.mark.parametrize(
+    ("sideways_m", "tilt_rad", "fast_bound"), [(2e-5, 0.0, 0.004), (5e-4, 0.0, 0.09), (5e-4, 0.4, 0.1)]
+)
+def test_surface_contact_before_puncture(sideways_m: float, tilt_rad: float, fast_bound: float) -> None:
     """Sticking, slipping, and slipping on a tilted surface."""
     case = surface_contact(sideways_m, tilt_rad)
     exact, fast, _ = errors(case, step_m=1e-6)
     assert case.insertion.coupled.contact
     assert bool(case.insertion.coupled.slide.any()) is (sideways_m > 1e-4)
     assert len(exact) == 3
-    assert exact.max() < 1e-4
+    text = f"contact before puncture, {1e3 * sideways_m:g} mm sideways a step, surface tilted by {tilt_rad:g} rad"
+    check(text, exact, fast, fast_bound=fast_bound)
     assert fast.max() > 1e-3
 
 
@@ -191,7 +211,7 @@ def test_breathing_tissue() -> None:
     insertion = Insertion(block_scenario(motion={"kind": "breathing", "amplitude_mm": 3.0, "period_s": 1.0}))
     before, _, base = pushed(insertion, 0.03, 60)
     exact, fast, _ = errors(Case(insertion, before, base))
-    assert exact.max() < 1e-4
+    check("breathing tissue", exact, fast, fast_bound=0.042)
     assert fast.max() > 1e-2
 
 
@@ -213,7 +233,8 @@ def test_needle_in_the_air_moves_rigidly() -> None:
     state = advanced(insertion, state, moved(state.base, np.array([1e-4, 2e-4, -1e-3]), np.array([0.01, 0.02, 0.03])))
     arm = state.tip_m - state.base.position_m
     expected = np.hstack([np.eye(3), np.cross(np.eye(3), -arm)])
-    assert np.abs(linearise_exactly(insertion, state).tip - expected).max() < 1e-9
+    found, text = linearise_exactly(insertion, state).tip, "exact Jacobian of a free needle"
+    verify("coupled", text, expected=expected, measured=found, tolerance=1e-9, source="rigid body, dX - (tip - X) x dw")
 
 
 def test_only_the_last_step_can_be_linearised() -> None:

@@ -17,7 +17,7 @@ from scipy.spatial.transform import Rotation
 
 from simcore.compliance import Compliance
 from simcore.tissue import TissueModel, assemble_band
-from tests.simcore.conftest import block, cold, held, relaxed, stiffness_times
+from tests.simcore.conftest import block, cold, held, relaxed, stiffness_times, surface_areas
 from tests.simcore.reference import (
     MANUFACTURED_DIRECTION,
     MANUFACTURED_EDGE_M,
@@ -281,16 +281,6 @@ def test_a_loaded_bar_stretches_by_hookes_law() -> None:
     expected, text = -0.01 * (0.04 - model.mesh.nodes_m[:, 2]), "loaded bar, 1 % strain: displacement"
     check(text, expected=expected, measured=shift[:, 2], tolerance=1e-12, source="Hooke, u = sigma z / E", unit="m")
     assert np.abs(shift[:, :2]).max() < 1e-12
-
-
-def surface_areas(model: TissueModel, face: str) -> Vector:
-    """(n,) m2: a third of each surface triangle in the face to each of its nodes."""
-    mesh = model.mesh
-    triangles = mesh.surface_triangles[np.isin(mesh.surface_triangles, mesh.faces[face]).all(axis=1)]
-    a, b, c = np.swapaxes(mesh.nodes_m[triangles], 0, 1)
-    areas = np.zeros(len(mesh.nodes_m))
-    np.add.at(areas, triangles, (np.linalg.norm(np.cross(b - a, c - a), axis=1) / 6.0)[:, None])
-    return areas
 
 
 def test_small_loads_give_the_small_strain_solution() -> None:

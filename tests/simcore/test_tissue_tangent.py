@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 from simcore.scenario import Tissue
 from simcore.tissue import TissueModel, elastic_forces, rotated_stiffness_times
 from simcore.tissue_tangent import tangent_times
+from tests.verification import verify
 
 Vector = NDArray[np.float64]
 
@@ -53,19 +54,23 @@ def test_tangent_equals_central_differences(beta: float) -> None:
     moves = np.random.default_rng(5).normal(size=(3, MODEL.unknowns))
     (x, x_old), step = deformed(), 1e-7
     rotations = np.tile(np.eye(3).ravel(), (len(MODEL.mesh.tets), 1))
-    free = MODEL.unknown >= 0
+    free, misses = MODEL.unknown >= 0, []
     for move, product in zip(moves, products(moves, beta, INERTIA), strict=True):
         full = np.zeros_like(x)
         full[free] = move.reshape(-1, 3)[MODEL.unknown[free]]
         ahead, behind = (forces(x + side * step * full, x_old, rotations, beta) for side in (1.0, -1.0))
         inertia = np.repeat(INERTIA[free][np.argsort(MODEL.unknown[free])], 3)
         expected = (ahead - behind) / (2.0 * step) + inertia * move
-        assert np.abs(product - expected).max() < 1e-6 * np.abs(expected).max()
+        misses.append((product - expected) / np.abs(expected).max())
+    text = f"exact tangent with dR against differences, min det F 0.5, beta = {beta:g} s"
+    source = "central differences of elastic, damping and inertial forces"
+    verify("tissue", text, expected=0, measured=misses, tolerance=1e-6, source=source)
 
 
 def test_elastic_tangent_is_symmetric() -> None:
     matrix = products(np.eye(MODEL.unknowns), 0.0, np.zeros_like(INERTIA))
-    assert np.abs(matrix - matrix.T).max() < 1e-12 * np.abs(matrix).max()
+    share, text = (matrix - matrix.T) / np.abs(matrix).max(), "exact tangent with dR: asymmetry"
+    verify("tissue", text, expected=0, measured=share, tolerance=1e-12, source="second derivative of an energy")
 
 
 @pytest.mark.parametrize("shortening", [0.0, 0.1])
