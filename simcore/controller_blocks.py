@@ -122,16 +122,13 @@ class RigidNeedle(Block):
 
 
 class FrozenJacobian(Block):
-    """Baseline: T = X - J^+ (k o e) with a tip Jacobian kept from one depth of a straight insertion of its own."""
+    """Baseline: T = P + J^+ (k e_p) with a tip Jacobian kept from one depth of a straight insertion of its own; the
+    base's axis passes through the entry."""
 
     kind: Literal["frozen"] = Field(default="frozen", description=KINDS)
-    depth_mm: Number = bounded(30.0, 1.0, 1000.0, "depth at which J was taken, at most that of the target [ours]")
-    gain: Number = bounded(1.0, 0.0, 2.0, "k of the three tip objectives [ours]")
-    rcm_gain: Number = bounded(1.0, 0.0, 2.0, "k of the two remote-centre objectives; 0 = rows left out [ours]")
+    depth_mm: Number = bounded(80.0, 1.0, 1000.0, "depth at which J was taken, at most the path's [ours]")
+    gain: Number = bounded(1.0, 0.0, 2.0, "k of the tip error [ours]")
     damping: Number = bounded(0.05, 1e-4, 10.0, "d of J^T (J J^T + d^2 I)^-1, dimensionless [ours]")
-    lever_arm_mm: Number = bounded(
-        100.0, 1.0, 1000.0, "length that makes rotations comparable with translations [ours]"
-    )
     model: SeparateModel = Field(
         default=SeparateModel(), description="tissue of the insertion that J comes from [ours]"
     )
