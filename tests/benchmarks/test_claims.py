@@ -335,7 +335,7 @@ def test_chosen_cases_are_best_median_worst_and_failed() -> None:
     table = rows(pair("CUR", [0.3, 0.1, math.inf, 0.2, 0.5], []))
     assert chosen(table) == [
         ("CUR-001-ifem", "best"),
-        ("CUR-003-ifem", "median"),
+        ("CUR-000-ifem", "median"),
         ("CUR-004-ifem", "worst"),
         ("CUR-002-ifem", "failed"),
     ]
