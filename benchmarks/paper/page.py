@@ -104,7 +104,7 @@ def percent(value: float | None, digits: int = 1) -> str:
 
 def interval(ends: list[float | None], digits: int = 3) -> str:
     """[low, high]; an open end is a failure."""
-    low, high = (ABSENT if end is None else f"{end:.{digits}f}".replace("-", "−") for end in ends)
+    low, high = ("failed" if end is None else f"{end:.{digits}f}".replace("-", "−") for end in ends)
     return f"[{low}, {high}]"
 
 

@@ -187,7 +187,7 @@ def main_table_markdown(report: Json) -> str:
             spread,
             _number(score["max_mm"]),
             f"{100 * score['within_1mm']:.4g} %",
-            _number(score["ratio"], "-"),
+            _number(score["ratio"]) if score["ratio_pairs"] else "-",
         )
         lines.append(f"| {' | '.join(cells)} |")
     return "\n".join(lines) + "\n"

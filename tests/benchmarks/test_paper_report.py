@@ -239,7 +239,7 @@ def test_the_main_table_is_that_of_the_primary_condition(report: dict[str, Any])
         (signed(-0.5), "−0.500"),
         (percent(1.0), "100 %"),
         (percent(0.9812), "98.1 %"),
-        (interval([None, -0.25]), "[–, −0.250]"),
+        (interval([None, -0.25]), "[failed, −0.250]"),
         (p_value(3e-7), "< 0.0001"),
         (p_value(0.0042), "0.0042"),
         (p_value(0.5), "0.50"),
