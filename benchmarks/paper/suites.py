@@ -10,8 +10,9 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
+from benchmarks import dataset
 from benchmarks.paper.records import Case, Label, Suite
-from benchmarks.paper.sampling import DIRECTIONS, ENTRY_MM, end_points_mm, training_grid_mm, training_subset, young_kpa
+from benchmarks.paper.sampling import DIRECTIONS, ENTRY_MM, end_points_mm, young_kpa
 from benchmarks.paper.scale import SCALES, Scale
 from benchmarks.paper.variations import VARIATIONS, varied
 from simcore.errors import Problem, ScenarioError
@@ -24,9 +25,8 @@ STEERED = ("ifem", "elm")
 REFERENCES = ("open_loop", "rigid")
 BASELINES = ("frozen", "linear", "neighbours", "mlp")
 LEARNED = ("elm", "linear", "neighbours", "mlp")
-TRAINING_NOISE_MM = 0.25
 AMPLITUDE_MM = 1.0
-TRAINING_SEED, TEST_NOISE_SEED = 10_000, 20_000  # plus the number of the path: the same noise for every arm
+TEST_NOISE_SEED = 20_000  # plus the number of the path: the same noise for every arm
 SIGNS = tuple(DIRECTIONS)
 
 
@@ -69,23 +69,29 @@ def curved(count: int, directions: int = 4) -> list[Path]:
 
 def scenario(name: str, scale: Scale, *, seed: int, noise_mm: float = 0.0, **blocks: Json) -> Json:
     """A scenario of the experiments before defaults; `blocks` adds fields to its blocks."""
-    return {
-        "name": name,
-        "seed": seed,
-        "dt_s": scale.dt_s,
-        "noise_mm": noise_mm,
-        "tissue": {"element_size_mm": scale.element_size_mm, **blocks.pop("tissue", {})},
-        "recording": {"enabled": False},
-        **blocks,
-    }
+    shared = discretisation(scale)
+    shared["tissue"] |= blocks.pop("tissue", {})
+    return {"name": name, "seed": seed, "noise_mm": noise_mm, "recording": {"enabled": False}, **shared, **blocks}
 
 
-def resolved(case_id: str, data: Json, labels: dict[str, Label]) -> Case:
-    """The case with every field of its scenario settled. Raises ScenarioError, naming the case."""
-    try:
-        return Case(id=case_id, scenario=Scenario.load(data).resolved(), labels=labels)
-    except ScenarioError as error:
-        raise ScenarioError([Problem(f"{case_id}: {p.field}", p.value, p.message) for p in error.problems]) from None
+def discretisation(scale: Scale) -> Json:
+    """The fields of every scenario that the scale settles."""
+    return {"dt_s": scale.dt_s, "tissue": {"element_size_mm": scale.element_size_mm}}
+
+
+def resolved(drafts: Sequence[Case]) -> list[Case]:
+    """The cases with every field of their scenarios settled. Raises ScenarioError, naming the case.
+
+    A learned controller's model must exist for that; a draft only names it.
+    """
+    cases = []
+    for draft in drafts:
+        try:
+            cases.append(Case(draft.id, Scenario.load(draft.scenario).resolved(), draft.labels))
+        except ScenarioError as error:
+            found = [Problem(f"{draft.id}: {p.field}", p.value, p.message) for p in error.problems]
+            raise ScenarioError(found) from None
+    return cases
 
 
 def controller(arm: str, scale: Scale, models: Models) -> Json:
@@ -118,7 +124,7 @@ def following(scale: Scale, models: Models, paths: Sequence[Path], arms: Sequenc
         for arm in arms:
             name = f"{path.name}-{arm}"
             data = scenario(name, scale, seed=0, trajectory=path.trajectory(), controller=controller(arm, scale, models))
-            cases.append(resolved(name, data, labelled(path, arm, purpose)))
+            cases.append(Case(name, data, labelled(path, arm, purpose)))
     return cases
 
 
@@ -127,16 +133,7 @@ def following(scale: Scale, models: Models, paths: Sequence[Path], arms: Sequenc
 
 def training_cases(scale: Scale) -> list[Case]:
     """The data set: straight I-FEM insertions to the training grid with uniform target noise of +-0.25 mm."""
-    grid = training_grid_mm()
-    cases = []
-    for i in training_subset(scale.training):
-        name = f"data-{i:03}"
-        line = {"kind": "line", "entry_mm": list(ENTRY_MM), "target_mm": grid[i].tolist()}
-        data = scenario(name, scale, seed=TRAINING_SEED + i, noise_mm=TRAINING_NOISE_MM, trajectory=line)
-        path = {"group": "DATA", "end_point": i, "direction": ""}
-        labels: dict[str, Label] = {"purpose": "data", "arm": "ifem", "young": "constant", "noise": "on", **path}
-        cases.append(resolved(name, data, labels))
-    return cases
+    return list(dataset.cases(insertions=scale.training, seed=0, changes=discretisation(scale)))
 
 
 def lin_cases(scale: Scale, models: Models) -> list[Case]:
@@ -149,8 +146,8 @@ def lin_cases(scale: Scale, models: Models) -> list[Case]:
             name = f"lin-noise-{path.end_point:03}-{arm}"
             blocks = {"trajectory": path.trajectory(), "controller": controller(arm, scale, models)}
             seed = TEST_NOISE_SEED + path.end_point
-            data = scenario(name, scale, seed=seed, noise_mm=TRAINING_NOISE_MM, **blocks)
-            cases.append(resolved(name, data, labelled(path, arm, "main", noise="on")))
+            data = scenario(name, scale, seed=seed, noise_mm=dataset.NOISE_MM, **blocks)
+            cases.append(Case(name, data, labelled(path, arm, "main", noise="on")))
     return cases
 
 
@@ -175,7 +172,7 @@ def young_cases(scale: Scale, models: Models) -> list[Case]:
         name = f"young-{path.name}-{arm}"
         tissue = {"young_kpa": young_kpa(path.end_point, path.direction)}
         blocks = {"tissue": tissue, "trajectory": path.trajectory(), "controller": block}
-        cases.append(resolved(name, scenario(name, scale, seed=0, **blocks), labelled(path, arm, "main", young="variable")))
+        cases.append(Case(name, scenario(name, scale, seed=0, **blocks), labelled(path, arm, "main", young="variable")))
     return cases
 
 
@@ -194,7 +191,7 @@ def sensitivity_cases(scale: Scale, models: Models) -> list[Case]:
             name = f"sens-{variation.name}-{path.name}-{arm}"
             data = scenario(name, scale, seed=0, trajectory=path.trajectory(), controller=controller(arm, scale, models))
             more = {"parameter": variation.parameter, "value": variation.value}
-            cases.append(resolved(name, varied(data, variation), labelled(path, arm, "sensitivity", **more)))
+            cases.append(Case(name, varied(data, variation), labelled(path, arm, "sensitivity", **more)))
     return cases
 
 
@@ -222,7 +219,7 @@ def timing_cases(scale: Scale, models: Models) -> list[Case]:
         for way, block in ways.items():
             name = f"timing-{path.name}-{way}"
             data = scenario(name, scale, seed=0, trajectory=path.trajectory(), controller=block)
-            cases.append(resolved(name, data, labelled(path, block["kind"], "timing", jacobian=way)))
+            cases.append(Case(name, data, labelled(path, block["kind"], "timing", jacobian=way)))
     return cases
 
 
@@ -263,6 +260,6 @@ def suite(name: str, *, model: str = "default") -> Suite:
     for base, kind in _KINDS.items():
         size = name.removeprefix(base)
         if name.startswith(base) and size in _SIZES:
-            cases = tuple(kind.cases(_SIZES[size], {"elm": model}))
-            return Suite(name=name, title=suite_names()[name], cases=cases)
+            cases = resolved(kind.cases(_SIZES[size], {"elm": model}))
+            return Suite(name=name, title=suite_names()[name], cases=tuple(cases))
     raise ScenarioError([Problem("suite", name, f"is none of {', '.join(suite_names())}")])

@@ -7,46 +7,17 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from benchmarks.dataset import grid_mm
 from benchmarks.paper import sampling
 
 seeds = st.integers(0, 2**32 - 1)
-
-
-def test_the_training_grid_is_7_by_15_cell_centres_on_the_far_face() -> None:
-    grid = sampling.training_grid_mm()
-    assert grid.shape == (105, 3)
-    assert np.all(grid[:, 2] == 122.0)
-    assert grid[0] == pytest.approx([36 / 14, 62 / 30, 122], abs=1e-3)
-    assert grid[-1] == pytest.approx([36 - 36 / 14, 62 - 62 / 30, 122], abs=1e-3)
-    assert grid.mean(axis=0)[:2] == pytest.approx(sampling.ENTRY_MM[:2], abs=1e-3)
-
-
-@given(st.integers(1, 105), st.integers(1, 105))
-@settings(max_examples=20)
-def test_smaller_training_sets_are_within_larger_ones(one: int, other: int) -> None:
-    small, large = sampling.training_subset(min(one, other)), sampling.training_subset(max(one, other))
-    assert len(small) == min(one, other) == len(set(small))
-    assert set(small) <= set(large) <= set(range(105))
-
-
-def test_a_training_set_covers_the_face() -> None:
-    grid = sampling.training_grid_mm()
-    chosen = grid[sampling.training_subset(15)]
-    nearest = np.linalg.norm(grid[:, None] - chosen, axis=2).min(axis=1)
-    assert nearest.max() < 12.0  # 15 points over 36 x 62 mm: a cell of each is about 12 mm wide
-
-
-@pytest.mark.parametrize("count", [0, 106])
-def test_a_training_set_of_another_size_is_refused(count: int) -> None:
-    with pytest.raises(ValueError, match=f"count = {count}: must be 1 to 105"):
-        sampling.training_subset(count)
 
 
 @given(seeds)
 @settings(max_examples=20, deadline=None)
 def test_points_keep_their_distance_for_every_seed(seed: int) -> None:
     points = sampling.end_points_mm(100, seed=seed)
-    grid = sampling.training_grid_mm()
+    grid = grid_mm()
     assert points.shape == (100, 3)
     assert points[:, 0].min() >= 2.0
     assert points[:, 0].max() <= 34.0
