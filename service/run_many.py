@@ -3,17 +3,22 @@
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Iterator, Sequence
+from collections.abc import Generator, Sequence
 from concurrent.futures import FIRST_COMPLETED, Future, wait
+from contextlib import AbstractContextManager
 from pathlib import Path
 from types import TracebackType
-from typing import Any, Self
+from typing import TYPE_CHECKING, Any, Self
 
 from benchmarks.paper.records import Case, Outcome
 from service import pool, worker
 from simcore.errors import NeedlebenchError
 
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
 INSERTION = "service.run_many:insertion"
+RECORDING = "service.run_many:recording"
 ATTEMPTS = 3  # of a case whose worker died; a dead process is seldom the fault of the case
 CRASHED = "crashed"
 _TICK_S = 0.2
@@ -56,7 +61,7 @@ class Crew:
         for seat in self._seats:
             seat.stop()
 
-    def run_many(self, cases: Sequence[Case]) -> Iterator[Outcome]:
+    def run_many(self, cases: Sequence[Case]) -> Generator[Outcome, None, None]:
         """Outcomes in the order in which they end. Closing the iterator early ends the processes that are at work.
 
         A case that raises, or whose worker died three times, has the status `crashed` and no measures.
@@ -125,7 +130,7 @@ class _Seat:
     def begin(self, task: _Task) -> None:
         task.attempts += 1
         self.task = task
-        whole = task.case.labels.get("purpose") == "data"
+        whole = task.case.labels.get("group") == "DATA"
         spec = {"scenario": task.case.scenario, "job_id": task.case.id, "files": str(self._files), "whole": whole}
         try:
             self.future = self._worker.call(worker.execute, self._runner, spec, str(self._folder))
@@ -192,19 +197,44 @@ def insertion(spec: dict[str, Any], folder: Path) -> dict[str, Any]:
 
     from simcore import rollout
     from simcore.artefacts import replace_atomically
-    from simcore.files import names_mean
     from simcore.scenario import Scenario
 
-    files = Path(spec["files"])
-    with names_mean(lambda name: files / name):
+    with _files(spec):
         done = rollout.run(Scenario.load(spec["scenario"]))
+        result = done.result()
     if spec["whole"]:
         kept = {name: array for name, array in done.series.items() if not name.startswith("tissue_")}
     else:
-        kept = {name: np.asarray(done.series[name]).astype("f4", copy=False) for name in STATE}
+        kept = {name: _single(done.series[name]) for name in STATE}
     path = folder / f"{spec['job_id']}.npz"
     replace_atomically(path, lambda file: np.savez_compressed(file, allow_pickle=False, **kept))
-    return done.result()
+    return result
+
+
+def recording(spec: dict[str, Any], folder: Path) -> dict[str, Any]:
+    """Run `spec["scenario"]` again with its recording on, into `<job_id>.rrd`; the JSON of its result, with the
+    `recording_warning` of a recording that is missing or incomplete, else None."""
+    from service.recording import RerunObserver
+    from simcore import rollout
+    from simcore.scenario import Scenario
+
+    scenario = spec["scenario"]
+    shown = {**scenario, "recording": {**scenario["recording"], "enabled": True}}
+    recorder = RerunObserver(folder / f"{spec['job_id']}.rrd", recording_id=spec["job_id"])
+    with _files(spec), recorder:
+        result = rollout.run(Scenario.load(shown), recorder).result()
+    return {**result, "recording_warning": recorder.warning}
+
+
+def _files(spec: dict[str, Any]) -> AbstractContextManager[None]:
+    from simcore.files import names_mean
+
+    folder = Path(spec["files"])
+    return names_mean(lambda name: folder / name)
+
+
+def _single(array: NDArray[Any]) -> NDArray[Any]:
+    return array.astype("f4") if array.dtype.kind == "f" else array
 
 
 def warm_up() -> None:

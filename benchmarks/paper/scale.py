@@ -29,7 +29,9 @@ class Scale(BaseModel):
     samples: Positive = Field(10_000, description="samples drawn from them")
     nodes: Positive = Field(25, description="hidden nodes of the ELM")
     seeds: int = Field(20, ge=1, le=100, description="ELM trainings that differ in their random input weights")
-    lin: int = Field(100, ge=1, le=100, description="straight test paths; each of four sine overlays over `cur` of them")
+    lin: int = Field(
+        100, ge=1, le=100, description="straight test paths; each of four sine overlays over `cur` of them"
+    )
     cur: int = Field(100, ge=1, le=100, description="end points whose four curved test paths are run")
     young: int = Field(100, ge=0, le=100, description="end points run at a Young's modulus of their own")
     young_ifem: bool = Field(False, description="I-FEM with the nominal model there too")
@@ -48,7 +50,9 @@ class Scale(BaseModel):
     curve_samples: tuple[Positive, ...] = Field(
         (100, 300, 1000, 3000, 10_000), max_length=20, description="sample counts of the learning curve"
     )
-    recordings: Count = Field(2, description="failed cases that are recorded, beside best, median and worst of each arm")
+    recordings: Count = Field(
+        2, description="failed cases that are recorded, beside best, median and worst of each arm"
+    )
 
 
 _COARSE = {"element_size_mm": 8.0, "dt_s": 0.02}

@@ -1,6 +1,6 @@
 """The experiments as named, versioned lists of fully resolved scenarios.
 
-`lin100-v1`, `cur400-v1`, `young-v1` and `paper-v1`, which is the three together, are the experiments of Perrusi et al. 2021;
+`lin100-v1`, `cur400-v1`, `young-v1` and `paper-v1`, which is the three together, are those of Perrusi et al. 2021;
 `-quick` and `-smoke` after the version are smaller forms. A version never changes its meaning: the tests pin digests.
 """
 
@@ -117,13 +117,17 @@ def labelled(path: Path, arm: str, purpose: str, **more: Label) -> dict[str, Lab
     }
 
 
-def following(scale: Scale, models: Models, paths: Sequence[Path], arms: Sequence[str], purpose: str = "main") -> list[Case]:
+def following(
+    scale: Scale, models: Models, paths: Sequence[Path], arms: Sequence[str], purpose: str = "main"
+) -> list[Case]:
     """Every arm along every path, path by path: constant stiffness, no noise."""
     cases = []
     for path in paths:
         for arm in arms:
             name = f"{path.name}-{arm}"
-            data = scenario(name, scale, seed=0, trajectory=path.trajectory(), controller=controller(arm, scale, models))
+            data = scenario(
+                name, scale, seed=0, trajectory=path.trajectory(), controller=controller(arm, scale, models)
+            )
             cases.append(Case(name, data, labelled(path, arm, purpose)))
     return cases
 
@@ -144,9 +148,10 @@ def lin_cases(scale: Scale, models: Models) -> list[Case]:
     for path in straight(scale.noise):
         for arm in (*STEERED, *REFERENCES):
             name = f"lin-noise-{path.end_point:03}-{arm}"
-            blocks = {"trajectory": path.trajectory(), "controller": controller(arm, scale, models)}
-            seed = TEST_NOISE_SEED + path.end_point
-            data = scenario(name, scale, seed=seed, noise_mm=dataset.NOISE_MM, **blocks)
+            seed, block = TEST_NOISE_SEED + path.end_point, controller(arm, scale, models)
+            data = scenario(
+                name, scale, seed=seed, noise_mm=dataset.NOISE_MM, trajectory=path.trajectory(), controller=block
+            )
             cases.append(Case(name, data, labelled(path, arm, "main", noise="on")))
     return cases
 
@@ -171,8 +176,8 @@ def young_cases(scale: Scale, models: Models) -> list[Case]:
             block["model"] = {"kind": "separate", **nominal}
         name = f"young-{path.name}-{arm}"
         tissue = {"young_kpa": young_kpa(path.end_point, path.direction)}
-        blocks = {"tissue": tissue, "trajectory": path.trajectory(), "controller": block}
-        cases.append(Case(name, scenario(name, scale, seed=0, **blocks), labelled(path, arm, "main", young="variable")))
+        data = scenario(name, scale, seed=0, tissue=tissue, trajectory=path.trajectory(), controller=block)
+        cases.append(Case(name, data, labelled(path, arm, "main", young="variable")))
     return cases
 
 
@@ -189,7 +194,9 @@ def sensitivity_cases(scale: Scale, models: Models) -> list[Case]:
         arms = ("ifem",) if variation.ifem_only else (*STEERED, "open_loop")
         for path, arm in _pairs(paths, arms):
             name = f"sens-{variation.name}-{path.name}-{arm}"
-            data = scenario(name, scale, seed=0, trajectory=path.trajectory(), controller=controller(arm, scale, models))
+            data = scenario(
+                name, scale, seed=0, trajectory=path.trajectory(), controller=controller(arm, scale, models)
+            )
             more = {"parameter": variation.parameter, "value": variation.value}
             cases.append(Case(name, varied(data, variation), labelled(path, arm, "sensitivity", **more)))
     return cases
@@ -239,7 +246,9 @@ class _Kind:
 
 
 _KINDS = {
-    "data105-v1": _Kind("Training: 105 straight I-FEM insertions, noise +-0.25 mm", lambda scale, _: training_cases(scale)),
+    "data105-v1": _Kind(
+        "Training: 105 straight I-FEM insertions, noise +-0.25 mm", lambda scale, _: training_cases(scale)
+    ),
     "lin100-v1": _Kind("LIN: 100 straight test paths, target noise off and on", lin_cases),
     "cur400-v1": _Kind("CUR: 100 end points x 4 sine overlays of 1.0 mm", cur_cases),
     "young-v1": _Kind("LIN and CUR at a Young's modulus of 5.5 to 6.3 kPa by path", young_cases),

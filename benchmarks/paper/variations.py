@@ -53,7 +53,9 @@ VARIATIONS = (
     Variation("stiffness", "3.2 kPa", (("tissue.young_kpa", 3.2),)),
     Variation("stiffness", "8.5 kPa", (("tissue.young_kpa", 8.5),)),
     Variation("model", "separate", (("controller.model", {"kind": "separate"}),), ifem_only=True),
-    Variation("model", "separate 5.0 kPa", (("controller.model", {"kind": "separate", "young_kpa": 5.0}),), ifem_only=True),
+    Variation(
+        "model", "separate 5.0 kPa", (("controller.model", {"kind": "separate", "young_kpa": 5.0}),), ifem_only=True
+    ),
     Variation("jacobian", "exact", (("controller.derivative", "exact"),), ifem_only=True),
     Variation("dt", "half", (("dt_s", 0.5),)),
     Variation("dt", "double", (("dt_s", 2.0),)),
