@@ -6,6 +6,7 @@ import csv
 import io
 import json
 import sys
+import tempfile
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -24,8 +25,8 @@ if TYPE_CHECKING:
     from benchmarks.paper.plan import Cost, Plan, Stage
     from benchmarks.paper.records import Outcome
     from benchmarks.paper.scale import Scale
-    from service.paper_folder import PaperFolder
-    from service.paper_run import PaperRun, Watcher
+    from service.paper_run import Watcher
+    from service.run_many import Crew
     from simcore.dataset import Dataset
 
 LINE_EVERY_S = 20.0  # of a progress that goes to no terminal
@@ -89,20 +90,23 @@ def paper(scale_name: str, path: Path, workers: int, only_plan: bool, any_commit
         click.echo(json.dumps({name: scale.model_dump(mode="json") for name, scale in SCALES.items()}, indent=1))
         return
     plan = Plan(read_scale(scale_name))
+    from service.run_many import Crew
+
     if only_plan:
-        _tell(plan, workers)
+        with tempfile.TemporaryDirectory(prefix="needlebench-") as scratch:
+            with Crew(workers, folder=Path(scratch), files=Path(scratch)) as crew:
+                _tell(plan, workers, crew)
         return
     from service.paper_folder import opened
-    from service.paper_run import enough_space, identity
+    from service.paper_run import PaperRun, enough_space, identity
 
     with opened(path, identity(plan), any_commit=any_commit) as folder:
         enough_space(plan, path)
-        cost = _tell(plan, workers)
-        begun = time.monotonic()
-        with _watching(plan, cost, workers) as watcher:
-            run = _paper_run(plan, folder, workers, watcher)
-            findings = run.run()
-            watcher.say("writing the report")
+        with Crew(workers, folder=folder.series, files=path.absolute()) as crew:
+            cost = _tell(plan, workers, crew)
+            begun = time.monotonic()
+            with _watching(plan, cost, workers) as watcher:
+                findings = PaperRun(plan, folder, crew, watcher, trainer(plan)).run()
         write_report(findings, plan, path, wall_s=time.monotonic() - begun, workers=workers)
     click.echo(path / "report.html")
 
@@ -123,15 +127,14 @@ def read_scale(name: str) -> Scale:
     return scale_of(data, field="--scale")
 
 
-def _paper_run(plan: Plan, folder: PaperFolder, workers: int, watcher: Watcher) -> PaperRun:
-    """The run with training handed to it."""
-    from service.paper_run import PaperRun
+def trainer(plan: Plan) -> Callable[[str, int, Dataset], str]:
+    """Trains a model of a kind, seed and data set; the text of its file."""
+    from benchmarks.training import trained
+
+    from service.mlp_training import train_network
+    from simcore import learning
 
     def train(kind: str, seed: int, data: Dataset) -> str:
-        from benchmarks.training import trained
-        from service.mlp_training import train_network
-        from simcore import learning
-
         makers: dict[str, Callable[[], learning.Regressor]] = {
             "elm": lambda: learning.ExtremeLearningMachine(nodes=plan.scale.nodes, seed=seed),
             "linear": learning.LinearModel,
@@ -140,7 +143,7 @@ def _paper_run(plan: Plan, folder: PaperFolder, workers: int, watcher: Watcher) 
         }
         return trained(data, makers[kind](), split="sample").model.text()
 
-    return PaperRun(plan, folder, workers, watcher, train)
+    return train
 
 
 # ---- what is written at the end
@@ -181,12 +184,12 @@ def predictions_csv(findings: Findings) -> str:
 # ---- what is shown
 
 
-def _tell(plan: Plan, workers: int) -> Cost:
+def _tell(plan: Plan, workers: int, crew: Crew) -> Cost:
     """Measure what a step costs, print the plan; the cost."""
     from service.paper_run import measured_cost
 
     click.echo("measuring what a step costs (the first run on a machine compiles for half a minute)", err=True)
-    cost = measured_cost(plan)
+    cost = measured_cost(plan, crew)
     seconds = plan.seconds(cost, workers)
     steps_ms = f"{1e3 * cost.ifem_s:.1f} ms CPU a step with I-FEM, {1e3 * cost.plain_s:.1f} ms without"
     click.echo(f"scale {plan.scale.name}: {steps_ms}, {workers} workers")

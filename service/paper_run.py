@@ -16,7 +16,7 @@ from benchmarks.paper import paper
 from benchmarks.paper.plan import Cost, Plan, Stage, probes, steps
 from benchmarks.paper.records import Case, Outcome, RunMany
 from service.paper_folder import RECORDINGS, SCHEMA, SERIES, PaperFolder, write_text
-from service.run_many import INSERTION, RECORDING, Crew
+from service.run_many import RECORDING, Crew
 from simcore.dataset import Dataset, Table, table_one
 from simcore.errors import NeedlebenchError, Problem, ScenarioError
 from simcore.files import names_mean
@@ -52,17 +52,14 @@ def identity(plan: Plan) -> dict[str, Any]:
     return {"schema": SCHEMA, "scale": scale, "plan_sha256": plan.sha256, "commit": commit()}
 
 
-def measured_cost(plan: Plan, runner: str = INSERTION) -> Cost:
+def measured_cost(plan: Plan, crew: Crew) -> Cost:
     """CPU seconds of a step, from two insertions at the plan's discretisation. Raises NoCost."""
-    with tempfile.TemporaryDirectory(prefix="needlebench-") as scratch:
-        folder = Path(scratch)
-        with Crew(1, folder=folder, files=folder, runner=runner) as crew:
-            done = {outcome.case.id: outcome for outcome in crew.run_many(probes(plan.scale))}
     each = {}
-    for name, outcome in done.items():
-        if "cost" not in outcome.result:
-            raise NoCost(f"{name}: {outcome.result['message']}")
-        each[name] = outcome.result["cost"]["cpu_s"] / steps(outcome.case)
+    with tempfile.TemporaryDirectory(prefix="needlebench-") as scratch:
+        for outcome in crew.run_many(probes(plan.scale), folder=Path(scratch)):
+            if "cost" not in outcome.result:
+                raise NoCost(f"{outcome.case.id}: {outcome.result['message']}")
+            each[outcome.case.id] = outcome.result["cost"]["cpu_s"] / steps(outcome.case)
     return Cost(ifem_s=each["probe-ifem"], plain_s=each["probe-plain"])
 
 
@@ -84,11 +81,9 @@ class PaperRun:
 
     plan: Plan
     folder: PaperFolder
-    workers: int
+    crew: Crew
     watcher: Watcher
     train: Callable[[str, int, Dataset], str]
-    runner: str = INSERTION
-    recorder: str = RECORDING
 
     def run(self) -> paper.Findings:
         """Every stage; what the folder already has is not run again."""
@@ -98,8 +93,8 @@ class PaperRun:
 
     def _hands(self) -> paper.Hands:
         return paper.Hands(
-            run_many=self._on(self.workers),
-            run_alone=self._on(1),
+            run_many=self._run(alone=False),
+            run_alone=self._run(alone=True),
             begin=self.watcher.begin,
             table=self._table,
             train=self.train,
@@ -107,20 +102,17 @@ class PaperRun:
             record=self._record,
         )
 
-    def _on(self, workers: int) -> RunMany:
-        """`run_many` over worker processes, started only if something is left to run."""
-
-        new: set[str] = set()
-
-        def fresh(cases: Sequence[Case]) -> Iterator[Outcome]:
-            new.update(case.id for case in cases)
-            if not cases:
-                return
-            crew = Crew(min(workers, len(cases)), folder=self.folder.series, files=self.folder.path, runner=self.runner)
-            with crew, closing(crew.run_many(cases)) as outcomes:
-                yield from outcomes
+    def _run(self, *, alone: bool) -> RunMany:
+        """`run_many` of what is not in the folder yet, told to the watcher."""
 
         def run(cases: Sequence[Case]) -> Iterator[Outcome]:
+            new: set[str] = set()
+
+            def fresh(left: Sequence[Case]) -> Iterator[Outcome]:
+                new.update(case.id for case in left)
+                with closing(self.crew.run_many(left, alone=alone)) as outcomes:
+                    yield from outcomes
+
             for outcome in self.folder.remembering(fresh)(cases):
                 self.watcher.ended(outcome, fresh=outcome.case.id in new)
                 yield outcome
@@ -142,8 +134,7 @@ class PaperRun:
         drafts = self.folder.path / f".{RECORDINGS}"
         shutil.rmtree(drafts, ignore_errors=True)
         drafts.mkdir()
-        crew = Crew(min(self.workers, len(missing)), folder=drafts, files=self.folder.path, runner=self.recorder)
-        with crew, closing(crew.run_many(missing)) as done:
+        with closing(self.crew.run_many(missing, runner=RECORDING, folder=drafts)) as done:
             for outcome in done:
                 name, result = outcome.case.id, outcome.result
                 if result["digest"] != before[name]:

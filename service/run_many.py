@@ -6,6 +6,7 @@ from collections import deque
 from collections.abc import Generator, Sequence
 from concurrent.futures import FIRST_COMPLETED, Future, wait
 from contextlib import AbstractContextManager
+from dataclasses import dataclass
 from pathlib import Path
 from types import TracebackType
 from typing import TYPE_CHECKING, Any, Self
@@ -41,8 +42,9 @@ class CannotStart(NeedlebenchError):
 class Crew:
     """Warm worker processes with one thread each; a context manager, on leaving which they are gone.
 
-    workers: processes. folder: for the series, and the lock that lets one worker at a time compile. files: folder in
-    which the file names in scenarios are looked up. runner: module:function, as for the service's engine.
+    workers: processes, started when there is something to run. folder: for the series, and the lock that lets one
+    worker at a time compile. files: folder in which the file names in scenarios are looked up. runner:
+    module:function, as for the service's engine.
     """
 
     def __init__(self, workers: int, *, folder: Path, files: Path, runner: str = INSERTION) -> None:
@@ -52,7 +54,6 @@ class Crew:
         self._seats: list[_Seat] = []
 
     def __enter__(self) -> Self:
-        self._seats = [_Seat(self._folder, self._files, self._runner) for _ in range(self._workers)]
         return self
 
     def __exit__(
@@ -61,19 +62,26 @@ class Crew:
         for seat in self._seats:
             seat.stop()
 
-    def run_many(self, cases: Sequence[Case]) -> Generator[Outcome, None, None]:
+    def run_many(
+        self, cases: Sequence[Case], *, alone: bool = False, runner: str | None = None, folder: Path | None = None
+    ) -> Generator[Outcome, None, None]:
         """Outcomes in the order in which they end. Closing the iterator early ends the processes that are at work.
 
         A case that raises, or whose worker died three times, has the status `crashed` and no measures.
+        alone: one after the other, in one process. runner, folder: others than the crew's.
         """
-        waiting = deque(_Task(case) for case in cases)
+        waiting = deque(_Task(case, runner or self._runner, folder or self._folder) for case in cases)
+        wanted = min(1 if alone else self._workers, len(waiting))
+        while len(self._seats) < wanted:
+            self._seats.append(_Seat(self._folder, self._files, self._runner))
+        seats = self._seats[:wanted]
         try:
-            while waiting or any(seat.task for seat in self._seats):
-                for seat in self._seats:
+            while waiting or any(seat.task for seat in seats):
+                for seat in seats:
                     if waiting and seat.ready():
                         seat.begin(waiting.popleft())
-                wait([seat.future for seat in self._seats if seat.pending], _TICK_S, FIRST_COMPLETED)
-                for seat in self._seats:
+                wait([seat.future for seat in seats if seat.pending], _TICK_S, FIRST_COMPLETED)
+                for seat in seats:
                     if (ended := seat.ended()) is None:
                         continue
                     task, outcome = ended
@@ -82,15 +90,18 @@ class Crew:
                     else:
                         yield outcome
         finally:
-            for seat in self._seats:
+            for seat in seats:
                 seat.abandon()
 
 
+@dataclass
 class _Task:
-    """A case and how often it was tried."""
+    """A case, who does it and how often it was tried."""
 
-    def __init__(self, case: Case) -> None:
-        self.case, self.attempts = case, 0
+    case: Case
+    runner: str
+    folder: Path
+    attempts: int = 0
 
 
 class _Seat:
@@ -133,7 +144,7 @@ class _Seat:
         whole = task.case.labels.get("group") == "DATA"
         spec = {"scenario": task.case.scenario, "job_id": task.case.id, "files": str(self._files), "whole": whole}
         try:
-            self.future = self._worker.call(worker.execute, self._runner, spec, str(self._folder))
+            self.future = self._worker.call(worker.execute, task.runner, spec, str(task.folder))
         except pool.Lost as loss:
             self.future = Future()
             self.future.set_exception(loss)

@@ -23,8 +23,8 @@ class Scale(BaseModel):
     model_config = ConfigDict(extra="forbid", frozen=True, hide_input_in_errors=True)
 
     name: Annotated[str, StringConstraints(pattern=r"^[a-z0-9][a-z0-9-]{0,29}$")]
-    element_size_mm: float = Field(6.0, ge=1.0, le=20.0, description="edge of a cell of the tissue")
-    dt_s: float = Field(0.01, ge=1e-4, le=0.1, description="time step")
+    element_size_mm: float = Field(6.0, ge=2.0, le=20.0, description="edge of a cell of the tissue")
+    dt_s: float = Field(0.01, ge=1e-3, le=0.05, description="time step")
     training: int = Field(105, ge=1, le=105, description="data-set insertions, of the 7 x 15 grid")
     samples: Positive = Field(10_000, description="samples drawn from them")
     nodes: Positive = Field(25, description="hidden nodes of the ELM")
@@ -42,7 +42,7 @@ class Scale(BaseModel):
     noise: Count = Field(25, description="straight paths with target noise in the test, every arm")
     baselines: Count = Field(0, description="end points of the learned baselines, LIN and CUR")
     seed_paths: Count = Field(5, description="paths on which every ELM seed is run")
-    timing: int = Field(3, ge=1, le=20, description="paths of the one-worker timing pass")
+    timing: int = Field(2, ge=1, le=20, description="paths of the one-worker timing pass")
     sensitivity: Count = Field(1, description="end points of each variation of the sensitivity study, LIN and CUR")
     curve_nodes: tuple[Positive, ...] = Field(
         (5, 10, 15, 25, 50, 100, 200), max_length=20, description="node counts of the learning curve"
@@ -95,7 +95,7 @@ SCALES = {
         seed_paths=4,
         timing=2,
     ),
-    "full": Scale(name="full", reference_young=10, baselines=10),
+    "full": Scale(name="full", reference_young=10, baselines=5),
     "extended": Scale(
         name="extended",
         young_ifem=True,

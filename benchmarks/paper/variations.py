@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import copy
+import re
 from dataclasses import dataclass
 from typing import Any
 
@@ -23,7 +24,7 @@ class Variation:
 
     @property
     def name(self) -> str:
-        return f"{self.parameter}-{self.value}".replace(" ", "-").replace("/", "-")
+        return re.sub(r"[^\w.]+", "-", f"{self.parameter} {self.value}")
 
 
 def _gauge(number: int, outer_mm: float, inner_mm: float) -> Variation:
