@@ -7,6 +7,8 @@
     with Client("http://127.0.0.1:8321") as client:
         job = client.wait(client.submit("demo").id)
 
+A controller of one's own: `needlebench example controller`.
+
 One thread is asked of every numeric library unless the environment says otherwise: results are then the same
 whatever else the machine does. To be in time, import this before numpy.
 """
@@ -25,13 +27,35 @@ for _name in THREAD_VARIABLES:
 
 if TYPE_CHECKING:
     from service.client import Client
+    from simcore.controllers import Controller, Observation
+    from simcore.insertion import Pose, rotation_towards
+    from simcore.plugins import register_controller
     from simcore.rollout import run
     from simcore.scenario import Scenario
 
 __version__ = installed_version()
-__all__ = ["Client", "Scenario", "__version__", "run"]
+__all__ = [
+    "Client",
+    "Controller",
+    "Observation",
+    "Pose",
+    "Scenario",
+    "__version__",
+    "register_controller",
+    "rotation_towards",
+    "run",
+]
 
-_HOMES = {"run": "simcore.rollout", "Scenario": "simcore.scenario", "Client": "service.client"}
+_HOMES = {
+    "Client": "service.client",
+    "Controller": "simcore.controllers",
+    "Observation": "simcore.controllers",
+    "Pose": "simcore.insertion",
+    "Scenario": "simcore.scenario",
+    "register_controller": "simcore.plugins",
+    "rotation_towards": "simcore.insertion",
+    "run": "simcore.rollout",
+}
 
 
 def __getattr__(name: str) -> Any:

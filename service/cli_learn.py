@@ -19,6 +19,7 @@ if TYPE_CHECKING:
 
     from benchmarks.dataset import Insertion
     from benchmarks.paper.records import Case
+    from simcore.learning import Regressor
 
 FILE = click.Path(dir_okay=False, path_type=Path)
 
@@ -140,3 +141,90 @@ class _Bar:
             self._progress.advance(self._task)
         elif self._done % 10 == 0 or self._done == self._total:
             click.echo(f"{self._done} of {self._total} insertions", err=True)
+
+
+@click.command()
+@click.option("--data", "source", metavar="FILE.npz", required=True, type=FILE, help="From `needlebench dataset`.")
+@click.option("--out", "path", metavar="MODEL.json", required=True, type=FILE, help="The model.")
+@click.option("--kind", type=click.Choice(["elm", "linear", "neighbours", "mlp"]), default="elm", show_default=True)
+@click.option("--nodes", type=click.IntRange(1, 10_000), default=25, show_default=True, help="Of the elm.")
+@click.option("--ridge", type=click.FloatRange(0, 1e6), default=1e-6, show_default=True, help="Of elm and linear.")
+@click.option(
+    "--weights", type=click.FloatRange(1e-3, 100), default=1.0, show_default=True, help="Range of w and b of the elm."
+)
+@click.option("--neighbours", type=click.IntRange(1, 1000), default=10, show_default=True, help="Of neighbours.")
+@click.option("--hidden", default="32,32", show_default=True, help="Nodes of each hidden layer of the mlp.")
+@click.option("--seed", type=click.IntRange(0, 2**31), default=0, show_default=True, help="Of the elm and the mlp.")
+@click.option(
+    "--split",
+    type=click.Choice(["sample", "trajectory"]),
+    default="sample",
+    show_default=True,
+    help="How 10 % are held out: single rows, as in the paper, or whole insertions.",
+)
+@click.option("--samples", type=click.IntRange(2), default=None, help="Learn from so many rows only; default: all.")
+@click.option("--force", is_flag=True, help="Replace the file.")
+def train(source: Path, path: Path, kind: str, split: str, samples: int | None, force: bool, **asked: Any) -> None:
+    """Train the model of a learned controller and write it, with its errors and where it comes from.
+
+    Inputs are the base's position P and the tip error e_p, the output is the base's move Delta P [paper]. The errors
+    that are printed are those of Delta P before the robot's limits, not those of the tip: run the controller for these.
+
+    \b
+    The paper's:     needlebench train --data out/data.npz --out out/elm.json
+    Another seed:    needlebench train --data out/data.npz --out out/elm7.json --seed 7
+    To steer by it:  needlebench run sine --out out/sine --set controller.kind=elm --set controller.model=out/elm.json
+    """
+    one_thread()
+    import hashlib
+
+    from threadpoolctl import threadpool_limits
+
+    from benchmarks.training import trained
+    from simcore.artefacts import replace_atomically
+    from simcore.dataset import load_dataset
+
+    free_to_write(path, force=force)
+    data = load_dataset(source)
+    with source.open("rb") as file:
+        sha256 = hashlib.file_digest(file, "sha256").hexdigest()
+    with threadpool_limits(1):
+        done = trained(data, _regressor(kind, **asked), split=split, samples=samples, data_sha256=sha256)
+    text = done.model.text().encode()
+    replace_atomically(path, lambda file: file.write(text))
+    told = done.model.provenance
+    click.echo(f"RMSE of Delta P, mm    {'x':>8}{'y':>8}{'z':>8}")
+    for side, rmse in (("train", done.train_rmse_mm), ("test", done.test_rmse_mm)):
+        click.echo(f"  {side:<6}{told[f'{side}_rows']:>7} rows   " + "".join(f"{axis:8.4f}" for axis in rmse))
+    click.echo(f"{path}: {kind}, {len(text) / 1e3:.0f} kB, SHA-256 {hashlib.sha256(text).hexdigest()}")
+
+
+def _regressor(
+    kind: str, *, nodes: int, ridge: float, weights: float, neighbours: int, hidden: str, seed: int
+) -> Regressor:
+    from service.mlp_training import train_network
+    from simcore import learning
+
+    if kind == "elm":
+        return learning.ExtremeLearningMachine(nodes=nodes, ridge=ridge, weight_range=weights, seed=seed)
+    if kind == "linear":
+        return learning.LinearModel(ridge=ridge)
+    if kind == "neighbours":
+        return learning.NearestNeighbours(neighbours=neighbours)
+    try:
+        layers = [int(n) for n in hidden.split(",")]
+    except ValueError:
+        raise ScenarioError([Problem("--hidden", hidden, "must be whole numbers with commas, as in 32,32")]) from None
+    return learning.MultilayerPerceptron(hidden=layers, seed=seed, trainer=train_network)
+
+
+@click.command()
+@click.argument("name", type=click.Choice(["controller"]))
+def example(name: str) -> None:
+    """Print an example that runs as it is, to begin with.
+
+    \b
+    A controller of your own: needlebench example controller > mine.py
+                              python mine.py
+    """
+    click.echo((Path(__file__).parent / "examples" / f"{name}.txt").read_text(encoding="utf-8"), nl=False)

@@ -1,4 +1,4 @@
-"""The blocks of a scenario, field by field: the only place where a default stands.
+"""The blocks of a scenario, field by field: with `controller_blocks` the only place where a default stands.
 
 Each field's description ends with the tag of its default: [paper] Perrusi et al. 2021, [cited] a published source,
 [ours] our choice because no source states it. A default never changes within a schema version.
@@ -9,7 +9,7 @@ from __future__ import annotations
 from typing import Annotated, Any, Literal
 
 import numpy as np
-from pydantic import BaseModel, ConfigDict, Field, StringConstraints, model_validator
+from pydantic import BaseModel, ConfigDict, Field, StringConstraints
 
 from simcore.trajectory import Path
 
@@ -187,85 +187,6 @@ class Robot(Block):
     max_turn_deg_s: Number = bounded(30.0, 0.1, 3600.0, "rotation [ours]")
 
 
-class SharedModel(Block):
-    """The model that is linearised is the plant itself [paper]."""
-
-    kind: Literal["shared"] = Field(default="shared", description="shared or separate")
-
-
-class SeparateModel(Block):
-    """The controller steps an insertion of its own with the executed base poses; all else is as in the plant."""
-
-    kind: Literal["separate"] = Field(default="separate", description="shared or separate")
-    young_kpa: Number = bounded(6.3, 0.1, 1000.0, "Young's modulus of the model [paper]")
-    poisson: Number = bounded(0.4, 0.0, 0.49, "Poisson's ratio of the model [paper]")
-    element_size_mm: Number = bounded(
-        6.0, 1.0, 50.0, "edge of a cell of the model's mesh; with tissue.mesh_file, the model has that mesh too [ours]"
-    )
-    friction: Number = bounded(0.1, 0.0, 1.0, "Coulomb coefficient of the model; above 0.3 with a warning [ours]")
-    spacing_mm: Number | None = Field(
-        default=None,
-        ge=MINIMUM_SPACING_MM,
-        le=50.0,
-        description="rest distance of the model's constraint points; its element size to 50, at least 5; "
-        "null = the larger of interaction.spacing_mm and its element size [ours]",
-    )
-
-
-IfemModel = Annotated[SharedModel | SeparateModel, Field(discriminator="kind")]
-
-
-class InverseFem(Block):
-    """Inverse finite element controller: T = X - J^+ (k o e), objectives tip and remote centre of motion [paper]."""
-
-    kind: Literal["ifem"] = Field(default="ifem", description="ifem, replay or open_loop")
-    gain: Number = bounded(1.0, 0.0, 2.0, "k of the three tip objectives [ours]")
-    rcm_gain: Number = bounded(1.0, 0.0, 2.0, "k of the two remote-centre objectives; 0 = rows left out [ours]")
-    damping: Number = bounded(0.05, 1e-4, 10.0, "d of J^T (J J^T + d^2 I)^-1, dimensionless [ours]")
-    lever_arm_mm: Number = bounded(
-        100.0, 1.0, 1000.0, "length that makes rotations comparable with translations [ours]"
-    )
-    jacobian: Literal["constraint", "perturbation"] = Field(
-        default="constraint",
-        description="constraint = implicit differentiation of the converged step, "
-        "perturbation = one re-solve of the last step per end-effector dof [cited]",
-    )
-    derivative: Literal["fast", "exact"] = Field(
-        default="fast",
-        description="form of the constraint Jacobian; fast drops slopes of frames and of the tissue's stiffness [ours]",
-    )
-    perturbation_mm: Number = bounded(
-        0.05, 0.05, 1.0, "move of each dof for the perturbation Jacobian; rotations by the lever arm [ours]"
-    )
-    model: IfemModel = Field(default=SharedModel(), description="what is linearised [paper: shared]")
-
-    @model_validator(mode="before")
-    @classmethod
-    def _default_kind(cls, data: Any) -> Any:
-        """A model without a kind is the shared one."""
-        if isinstance(data, dict) and isinstance(data.get("model"), dict):
-            return {**data, "model": {"kind": "shared", **data["model"]}}
-        return data
-
-
-class Replay(Block):
-    """Prescribed base poses, one a step, not filtered by the robot limits."""
-
-    kind: Literal["replay"] = Field(default="replay", description="ifem, replay or open_loop")
-    poses: tuple[tuple[Number, Number, Number, Number, Number, Number, Number], ...] = Field(
-        min_length=1,
-        max_length=MAXIMUM_STEPS,
-        description="1 to 1000000 poses [x_mm, y_mm, z_mm, qw, qx, qy, qz] of the base: positions within +-10000, unit "
-        "quaternions; identity = needle along +z, tip at base + length z",
-    )
-
-
-class OpenLoop(Block):
-    """The rigid needle's motion along the straight line from entry to target; no feedback."""
-
-    kind: Literal["open_loop"] = Field(default="open_loop", description="ifem, replay or open_loop")
-
-
 class Solver(Block):
     """When a coupled step counts as converged. Results must not depend on it: see the convergence tests."""
 
@@ -292,5 +213,4 @@ class Recording(Block):
 
 Trajectory = Annotated[StraightTrajectory | SineTrajectory, Field(discriminator="kind")]
 Motion = Annotated[Still | Breathing, Field(discriminator="kind")]
-Controller = Annotated[InverseFem | Replay | OpenLoop, Field(discriminator="kind")]
 Name = Annotated[str, StringConstraints(min_length=1, max_length=100, pattern=r"^[\w .,:+()/-]+$")]

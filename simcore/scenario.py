@@ -16,19 +16,13 @@ from simcore.blocks import (
     STAND_OFF_MM,
     Block,
     Breathing,
-    Controller,
     Interaction,
-    InverseFem,
     Motion,
     Name,
     Needle,
     Number,
-    OpenLoop,
     Recording,
-    Replay,
     Robot,
-    SeparateModel,
-    SharedModel,
     SineTrajectory,
     Solver,
     Still,
@@ -37,8 +31,25 @@ from simcore.blocks import (
     Trajectory,
     bounded,
 )
+from simcore.controller_blocks import (
+    Controller,
+    ExtremeLearning,
+    FrozenJacobian,
+    InverseFem,
+    Learned,
+    LinearRegression,
+    Neighbours,
+    OpenLoop,
+    Plugin,
+    Replay,
+    RigidNeedle,
+    SeparateModel,
+    SharedModel,
+    SmallNetwork,
+)
+from simcore.controller_rules import training_warnings, with_model_digest
 from simcore.errors import Problem, ScenarioError
-from simcore.scenario_rules import problems_between, with_mesh, with_model_spacing, with_spacing
+from simcore.scenario_rules import problems_between, separate_model, with_mesh, with_model_spacing, with_spacing
 from simcore.trajectory import Path, step_count
 from simcore.validation import problems_of
 
@@ -50,17 +61,25 @@ __all__ = [
     "SCHEMA",
     "STAND_OFF_MM",
     "Breathing",
+    "ExtremeLearning",
+    "FrozenJacobian",
     "Interaction",
     "InverseFem",
+    "Learned",
+    "LinearRegression",
     "Needle",
+    "Neighbours",
     "OpenLoop",
+    "Plugin",
     "Recording",
     "Replay",
+    "RigidNeedle",
     "Robot",
     "Scenario",
     "SeparateModel",
     "SharedModel",
     "SineTrajectory",
+    "SmallNetwork",
     "Solver",
     "Still",
     "StraightTrajectory",
@@ -108,7 +127,7 @@ class Scenario(Block):
         settle = object.__setattr__
         settle(self, "tissue", with_mesh(self.tissue))
         settle(self, "interaction", with_spacing(self.interaction, self.tissue))
-        settle(self, "controller", with_model_spacing(self.controller, self))
+        settle(self, "controller", with_model_digest(with_model_spacing(self.controller, self)))
         if problems := problems_between(self):
             raise ScenarioError(problems)
         return self
@@ -149,10 +168,11 @@ class Scenario(Block):
     def warnings(self) -> list[str]:
         """What is allowed but unusual."""
         frictions = {"interaction.friction": self.interaction.friction}
-        if isinstance(self.controller, InverseFem) and isinstance(self.controller.model, SeparateModel):
-            frictions["controller.model.friction"] = self.controller.model.friction
-        return [
+        if model := separate_model(self.controller):
+            frictions["controller.model.friction"] = model.friction
+        far = [
             f"{field} = {value}: above 0.3 the friction law is far from associated"
             for field, value in frictions.items()
             if value > 0.3
         ]
+        return [*far, *training_warnings(self)]

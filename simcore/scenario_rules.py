@@ -14,14 +14,12 @@ from simcore.blocks import (
     MINIMUM_SPACING_MM,
     STAND_OFF_MM,
     Breathing,
-    Controller,
     Interaction,
-    InverseFem,
-    Replay,
-    SeparateModel,
     SineTrajectory,
     Tissue,
 )
+from simcore.controller_blocks import Controller, FrozenJacobian, InverseFem, Replay, SeparateModel
+from simcore.controller_rules import plugin_problems
 from simcore.errors import Problem
 from simcore.mesh_checks import fields_of_mesh, path_problems
 
@@ -38,6 +36,7 @@ def problems_between(s: Scenario) -> list[Problem]:
         *_motion_problems(s),
         *_pose_problems(s),
         *_model_problems(s),
+        *plugin_problems(s.controller),
     ]
 
 
@@ -55,11 +54,17 @@ def with_spacing(interaction: Interaction, tissue: Tissue) -> Interaction:
     return interaction.model_copy(update={"spacing_mm": max(MINIMUM_SPACING_MM, tissue.element_size_mm)})
 
 
+def separate_model(controller: Controller) -> SeparateModel | None:
+    """The tissue that the controller has for itself, if it has one."""
+    if isinstance(controller, InverseFem | FrozenJacobian) and isinstance(controller.model, SeparateModel):
+        return controller.model
+    return None
+
+
 def with_model_spacing(controller: Controller, s: Scenario) -> Controller:
     """The controller with the derived mesh and spacing of its separate model, if it has one."""
-    if not isinstance(controller, InverseFem) or not isinstance(controller.model, SeparateModel):
-        return controller
-    return controller.model_copy(update={"model": _with_spacing(controller.model, s)})
+    model = separate_model(controller)
+    return controller.model_copy(update={"model": _with_spacing(model, s)}) if model else controller
 
 
 def _needle_problems(s: Scenario) -> list[Problem]:
@@ -202,9 +207,9 @@ def _with_spacing(model: SeparateModel, s: Scenario) -> SeparateModel:
 
 
 def _model_problems(s: Scenario) -> list[Problem]:
-    if not isinstance(s.controller, InverseFem) or not isinstance(s.controller.model, SeparateModel):
-        return []
-    model, problems = s.controller.model, []
+    model, problems = separate_model(s.controller), list[Problem]()
+    if model is None:
+        return problems
     if model.spacing_mm is not None and model.spacing_mm < model.element_size_mm:
         allowed = f"must be at least controller.model.element_size_mm = {model.element_size_mm:g}: closer rows lock"
         problems.append(Problem("controller.model.spacing_mm", model.spacing_mm, allowed))

@@ -71,9 +71,21 @@ def trajectories(draw: st.DrawFn, size: list[float]) -> tuple[Json, float]:
 
 @st.composite
 def controllers(draw: st.DrawFn) -> Json:
-    kind = draw(st.sampled_from(["ifem", "open_loop", "replay"]))
+    kind = draw(st.sampled_from(["ifem", "open_loop", "replay", "rigid", "frozen"]))
     if kind == "open_loop":
         return {"kind": kind}
+    if kind == "rigid":
+        return {"kind": kind, "straight_mm": draw(between(0.1, 1000.0))}
+    if kind == "frozen":
+        return {
+            "kind": kind,
+            "depth_mm": draw(between(1.0, 1000.0)),
+            "gain": draw(between(0.0, 2.0)),
+            "rcm_gain": draw(between(0.0, 2.0)),
+            "damping": draw(between(1e-4, 10.0)),
+            "lever_arm_mm": draw(between(1.0, 1000.0)),
+            "model": draw(separate_models()),
+        }
     if kind == "replay":
         return {"kind": kind, "poses": draw(st.lists(poses(), min_size=1, max_size=5))}
     return {
@@ -91,8 +103,11 @@ def controllers(draw: st.DrawFn) -> Json:
 
 @st.composite
 def ifem_models(draw: st.DrawFn) -> Json:
-    if draw(st.booleans()):
-        return {"kind": "shared"}
+    return {"kind": "shared"} if draw(st.booleans()) else draw(separate_models())
+
+
+@st.composite
+def separate_models(draw: st.DrawFn) -> Json:
     return {
         "kind": "separate",
         "young_kpa": draw(between(0.1, 1000.0)),
@@ -154,7 +169,15 @@ def scenarios(draw: st.DrawFn) -> Json:
     }
 
 
-steered = st.sampled_from([{"kind": "ifem"}, {"kind": "open_loop"}, {"kind": "ifem", "damping": 1e-4, "gain": 2.0}])
+steered = st.sampled_from(
+    [
+        {"kind": "ifem"},
+        {"kind": "open_loop"},
+        {"kind": "ifem", "damping": 1e-4, "gain": 2.0},
+        {"kind": "rigid"},
+        {"kind": "frozen", "depth_mm": 5.0},
+    ]
+)
 
 
 @st.composite

@@ -22,12 +22,12 @@ MAXIMUM_FUNCTION_LINES = 70
 # From the ground up: a module imports only from the rows above its own. A new module gets its place here.
 LAYERS = (
     ("errors", "compiled", "krylov", "mesh_quality"),
-    ("files", "rotations", "trajectory", "validation", "bounding_tree", "tissue_tangent"),
-    ("blocks", "mesh", "tet_search"),
-    ("tet_mesh",),
+    ("files", "plugins", "rotations", "trajectory", "validation", "bounding_tree", "tissue_tangent"),
+    ("blocks", "learning", "mesh", "tet_search"),
+    ("controller_blocks", "tet_mesh"),
     ("mesh_file",),
     ("tissue",),
-    ("mesh_checks", "force_blocks"),
+    ("mesh_checks", "force_blocks", "controller_rules"),
     ("scenario_rules",),
     ("scenario",),
     ("presets", "parameters", "shaft", "spread", "beam", "motion"),
@@ -40,7 +40,8 @@ LAYERS = (
     ("exact_jacobian", "perturbation"),
     ("controllers", "metrics", "series"),
     ("rollout",),
-    ("artefacts", "dataset"),
+    ("artefacts",),
+    ("dataset",),
 )
 HEIGHT = {module: height for height, row in enumerate(LAYERS) for module in row}
 

@@ -1,20 +1,20 @@
-"""What a controller sees, what it answers, and how a scenario's block becomes one."""
+"""What a controller sees and what it answers."""
 
 from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Protocol
+from typing import Protocol, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
-from simcore.errors import Problem, ScenarioError
 from simcore.insertion import Pose
 from simcore.linearisation import Linearisation
 from simcore.scenario import Scenario
 
 Vector = NDArray[np.float64]
+Settings = TypeVar("Settings")
 
 
 @dataclass(frozen=True)
@@ -39,19 +39,22 @@ class Controller(Protocol):
         """T for this step."""
 
 
-def make_controller(scenario: Scenario, *, entry_m: Vector, needle_length_m: float, model: Model | None) -> Controller:
-    """The controller of a scenario. model: from `make_model`; only I-FEM asks it."""
-    from simcore.controllers.ifem import InverseFemController
-    from simcore.controllers.open_loop import OpenLoopController
-    from simcore.controllers.replay import ReplayController
-    from simcore.scenario import InverseFem, OpenLoop, Replay
+@dataclass(frozen=True)
+class Setup:
+    """What a controller can be made of: the scenario, the initial entry point (3,) m, and I-FEM's model."""
 
-    block = scenario.controller
-    if isinstance(block, InverseFem):
-        assert model is not None
-        return InverseFemController(block, model)
-    if isinstance(block, OpenLoop):
-        return OpenLoopController(scenario, entry_m, needle_length_m)
-    if isinstance(block, Replay):
-        return ReplayController(block)
-    raise ScenarioError([Problem("controller.kind", block.kind, "has no controller")])
+    scenario: Scenario
+    entry_m: Vector
+    needle_length_m: float
+    model: Model | None
+
+    def settings(self, block: type[Settings]) -> Settings:
+        """The scenario's controller block, which is of this type."""
+        found = self.scenario.controller
+        assert isinstance(found, block)
+        return found
+
+    def asked_model(self) -> Model:
+        """The model to linearise, for a controller that `make_model` makes one for."""
+        assert self.model is not None
+        return self.model

@@ -9,14 +9,16 @@ import needlebench
 
 
 def test_the_documented_names_are_there() -> None:
-    from needlebench import Client, Scenario, run
+    from needlebench import Client, Controller, Observation, Pose, Scenario, register_controller, rotation_towards, run
 
-    assert callable(run)
+    assert all(map(callable, (run, register_controller, rotation_towards)))
+    assert all(isinstance(known, type) for known in (Controller, Observation, Pose))
     assert Scenario.load({}).name == "unnamed"
     with Client("http://127.0.0.1:1/") as client:
         assert client.url == "http://127.0.0.1:1"
     assert needlebench.__version__
-    assert dir(needlebench) == ["Client", "Scenario", "__version__", "run"]
+    assert dir(needlebench) == sorted(needlebench.__all__)
+    assert {"Client", "Controller", "Scenario", "__version__", "run"} <= set(dir(needlebench))
 
 
 def test_an_unknown_name_is_an_attribute_error() -> None:

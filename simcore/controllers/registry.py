@@ -1,0 +1,36 @@
+"""From a scenario's block to its controller. A new kind is a block in `controller_blocks` and a line here."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+from simcore.controllers.base import Controller, Model, Setup, Vector
+from simcore.controllers.frozen import FrozenJacobianController
+from simcore.controllers.ifem import InverseFemController
+from simcore.controllers.learned import LearnedController
+from simcore.controllers.open_loop import OpenLoopController
+from simcore.controllers.plugin import PluginController
+from simcore.controllers.replay import ReplayController
+from simcore.controllers.rigid import RigidNeedleController
+from simcore.scenario import FrozenJacobian, InverseFem, Learned, Plugin, Replay, RigidNeedle, Scenario
+
+FACTORIES: dict[str, Callable[[Setup], Controller]] = {
+    "ifem": lambda s: InverseFemController(s.settings(InverseFem), s.asked_model()),
+    "elm": lambda s: LearnedController.load("elm", s.settings(Learned), s.entry_m),
+    "rigid": lambda s: RigidNeedleController(s.settings(RigidNeedle), s.scenario, s.entry_m, s.needle_length_m),
+    "frozen": lambda s: FrozenJacobianController(s.settings(FrozenJacobian), s.scenario, s.entry_m),
+    "linear": lambda s: LearnedController.load("linear", s.settings(Learned), s.entry_m),
+    "neighbours": lambda s: LearnedController.load("neighbours", s.settings(Learned), s.entry_m),
+    "mlp": lambda s: LearnedController.load("mlp", s.settings(Learned), s.entry_m),
+    "open_loop": lambda s: OpenLoopController(s.scenario, s.entry_m, s.needle_length_m),
+    "replay": lambda s: ReplayController(s.settings(Replay)),
+    "plugin": lambda s: PluginController.load(s.settings(Plugin), s.scenario, s.entry_m, s.needle_length_m),
+}
+
+
+def make_controller(scenario: Scenario, *, entry_m: Vector, needle_length_m: float, model: Model | None) -> Controller:
+    """The controller of a scenario. model: from `make_model`; only I-FEM asks it.
+
+    Raises ScenarioError for a model file that cannot be used any more, PluginError for a plug-in that cannot be made.
+    """
+    return FACTORIES[scenario.controller.kind](Setup(scenario, entry_m, needle_length_m, model))

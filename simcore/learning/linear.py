@@ -1,0 +1,32 @@
+"""Linear regression with a ridge: what a learned controller without any bend can do."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from simcore.learning.regressor import Arrays, DataError, Regressor, Shapes, Vector, ridge_solution
+
+
+class LinearModel(Regressor):
+    """Y = A X + c; c is in the means of the standardised data."""
+
+    kind = "linear"
+
+    def __init__(self, *, ridge: float = 1e-6) -> None:
+        super().__init__()
+        if not 0.0 <= ridge <= 1e6:
+            raise DataError(f"ridge = {ridge:g}: must be 0 to 1e6")
+        self.ridge = ridge
+
+    def settings(self) -> dict[str, Any]:
+        return {"ridge": self.ridge}
+
+    def shapes(self, inputs: int, outputs: int) -> Shapes:
+        return {"a": (inputs, outputs)}
+
+    def _fit(self, X: Vector, Y: Vector) -> Arrays:
+        return {"a": ridge_solution(X, Y, self.ridge)}
+
+    def _predict(self, X: Vector) -> Vector:
+        answer: Vector = X @ self.arrays["a"]
+        return answer

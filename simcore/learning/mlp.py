@@ -1,0 +1,52 @@
+"""A small multilayer perceptron: tanh layers and a linear one, run with numpy. It is trained elsewhere."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from itertools import pairwise
+from typing import Any
+
+import numpy as np
+
+from simcore.learning.regressor import Arrays, DataError, Regressor, Shapes, Vector
+
+Layers = list[tuple[Vector, Vector]]  # weights (from, to) and biases (to,) of each layer
+Trainer = Callable[[Vector, Vector, tuple[int, ...], int], Layers]
+
+
+class MultilayerPerceptron(Regressor):
+    """h <- tanh(h W + b) for each hidden layer, then h W + b.
+
+    trainer: (X, Y, hidden, seed) -> layers; handed in, because the training needs a package that running does not.
+    """
+
+    kind = "mlp"
+
+    def __init__(self, *, hidden: Sequence[int] = (32, 32), seed: int = 0, trainer: Trainer | None = None) -> None:
+        super().__init__()
+        if not 1 <= len(hidden) <= 5 or not all(isinstance(n, int) and 1 <= n <= 1000 for n in hidden):
+            raise DataError(f"hidden = {list(hidden)}: must be 1 to 5 layers of 1 to 1000 nodes")
+        self.hidden, self.seed, self.trainer = tuple(hidden), seed, trainer
+
+    def settings(self) -> dict[str, Any]:
+        return {"hidden": list(self.hidden), "seed": self.seed}
+
+    def shapes(self, inputs: int, outputs: int) -> Shapes:
+        found: Shapes = {}
+        for i, (before, after) in enumerate(pairwise((inputs, *self.hidden, outputs))):
+            found |= {f"w{i}": (before, after), f"b{i}": (after,)}
+        return found
+
+    def _fit(self, X: Vector, Y: Vector) -> Arrays:
+        if self.trainer is None:
+            raise DataError("a multilayer perceptron needs a trainer to be fitted")
+        layers = self.trainer(X, Y, self.hidden, self.seed)
+        return {name: array for i, (w, b) in enumerate(layers) for name, array in ((f"w{i}", w), (f"b{i}", b))}
+
+    def _predict(self, X: Vector) -> Vector:
+        a, last = self.arrays, len(self.hidden)
+        h = X
+        for i in range(last):
+            h = np.tanh(h @ a[f"w{i}"] + a[f"b{i}"])
+        answer: Vector = h @ a[f"w{last}"] + a[f"b{last}"]
+        return answer
