@@ -130,7 +130,6 @@ def read_scale(name: str) -> Scale:
 def trainer(plan: Plan) -> Callable[[str, int, Dataset], str]:
     """Trains a model of a kind, seed and data set; the text of its file."""
     from benchmarks.training import trained
-
     from service.mlp_training import train_network
     from simcore import learning
 
@@ -150,25 +149,33 @@ def trainer(plan: Plan) -> Callable[[str, int, Dataset], str]:
 
 
 def write_report(findings: Findings, plan: Plan, path: Path, *, wall_s: float, workers: int) -> None:
-    """insertions.csv, predictions.csv, report.json and report.html."""
+    """report.html, report.json, insertions.csv, predictions.csv."""
+    from benchmarks.paper import report
     from benchmarks.paper.paper import cpu_seconds
-    from benchmarks.paper.table import insertions_csv, rows
     from service.paper_folder import write_text
     from simcore.provenance import provenance
 
-    write_text(path / "insertions.csv", insertions_csv(rows((*findings.outcomes, *findings.timing))))
     write_text(path / "predictions.csv", predictions_csv(findings))
     origin = provenance(findings.outcomes[0].case.scenario)
     del origin["scenario"], origin["seed"]
     origin |= {
         "scale": plan.scale.model_dump(mode="json"),
         "plan_sha256": plan.sha256,
+        "cases_sha256": findings.cases_sha256,
         "insertions": len(findings.outcomes) + len(findings.timing),
-        "cpu_s": cpu_seconds(findings),
-        "wall_s_of_last_call": wall_s,
+        "insertions_cpu_s": round(cpu_seconds(findings), 1),
+        "last_call_wall_s": round(wall_s, 1),
         "workers": workers,
-        "suites": {},
     }
+    report.write(
+        findings.outcomes,
+        timing=findings.timing,
+        learning=findings.learning.for_report(),
+        recordings=findings.recordings,
+        scale=plan.scale.name,
+        out=path,
+        provenance=origin,
+    )
 
 
 def predictions_csv(findings: Findings) -> str:

@@ -99,6 +99,7 @@ class PaperRun:
             table=self._table,
             train=self.train,
             store=lambda name, text: write_text(self.folder.path / name, text),
+            stored=lambda name: (self.folder.path / name).exists(),
             record=self._record,
         )
 

@@ -6,10 +6,11 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from simcore.learning import ExtremeLearningMachine
 
+from benchmarks.paper import studies
 from benchmarks.training import SPLITS, trained
 from simcore.dataset import Dataset
+from simcore.learning import ExtremeLearningMachine
 
 CURVE_SEEDS = 5
 
@@ -43,6 +44,20 @@ class LearningCurves:
     def of(self, curve: str, split: str) -> list[LearningPoint]:
         """The trainings of one curve."""
         return [point for point in self.points if (point.curve, point.split) == (curve, split)]
+
+    def for_report(self) -> list[studies.LearningPoint]:
+        """The curves as the report draws them: test errors over nodes and samples, by split."""
+        return [
+            studies.LearningPoint(
+                curve=point.curve,
+                value=point.nodes if point.curve == "nodes" else point.samples,
+                seed=point.seed,
+                measure=f"Delta P, split by {point.split}",
+                error_mm=point.test_rmse_mm,
+            )
+            for point in self.points
+            if point.curve != "seeds"
+        ]
 
     def rows(self) -> Iterator[dict[str, float | int | str]]:
         """The trainings as flat rows, for a CSV file."""

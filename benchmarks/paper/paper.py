@@ -15,7 +15,7 @@ from benchmarks import dataset
 from benchmarks.dataset import Insertion
 from benchmarks.paper.learning import LearningCurves, learning_curves
 from benchmarks.paper.plan import Plan, Stage, elm_names, model_names
-from benchmarks.paper.records import Case, Outcome, RunMany
+from benchmarks.paper.records import Case, Outcome, RunMany, Suite
 from benchmarks.paper.suites import resolved
 from simcore.dataset import Dataset, Table
 from simcore.errors import NeedlebenchError
@@ -34,7 +34,7 @@ class Hands:
 
     run_many, run_alone: on all workers, and one after the other. begin: is told each stage and its cases before they
     run. table: table I of a finished training insertion. train: (kind, seed, data) -> content of a model file. store:
-    keeps a text under a name in the run's folder, where scenarios then find it. record: a recording of each of these
+    keeps a text under a name in the run's folder, where scenarios then find it; stored: whether it is there. record: a recording of each of these
     outcomes, id -> file name.
     """
 
@@ -44,6 +44,7 @@ class Hands:
     table: Callable[[Case], Table]
     train: Callable[[str, int, Dataset], str]
     store: Callable[[str, str], None]
+    stored: Callable[[str], bool]
     record: Callable[[Sequence[Outcome]], dict[str, str]]
 
 
@@ -56,6 +57,12 @@ class Findings:
     learning: LearningCurves
     recordings: dict[str, str]
 
+    @property
+    def cases_sha256(self) -> str:
+        """Digest of all cases as they were run, digests of trained models included."""
+        cases = tuple(outcome.case for outcome in (*self.outcomes, *self.timing))
+        return Suite(name="all", title="", cases=cases).sha256
+
 
 def rerun(plan: Plan, hands: Hands) -> Findings:
     """Run every stage of the plan."""
@@ -63,7 +70,8 @@ def rerun(plan: Plan, hands: Hands) -> Findings:
     first = _ran(training, hands, training.cases)
     data = gathered(plan, first, hands.table)
     for name, kind, seed in models_of(plan):
-        hands.store(name, hands.train(kind, seed, data))
+        if not hands.stored(name):
+            hands.store(name, hands.train(kind, seed, data))
     outcomes, timing = list(first), list[Outcome]()
     for stage in stages:
         found = _ran(stage, hands, resolved(stage.cases))
