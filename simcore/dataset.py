@@ -151,8 +151,13 @@ def load_dataset(path: Path) -> Dataset:
     try:
         if path.stat().st_size > MAXIMUM_MB * 1_000_000:
             raise DatasetError(f"{path} holds {path.stat().st_size / 1e6:.0f} MB, at most {MAXIMUM_MB} are allowed")
-        with np.load(path, allow_pickle=False) as file:
-            found = {name: file[name] for name in file.files}
+        with path.open("rb") as file:
+            archive = np.load(file, allow_pickle=False)
+            if not isinstance(archive, np.lib.npyio.NpzFile):
+                raise DatasetError(f"{path} cannot be read as a data set: it is one array and no archive")
+            found = {name: archive[name] for name in archive.files}
+    except DatasetError:
+        raise
     except (OSError, ValueError, EOFError, zipfile.BadZipFile) as error:
         reason = getattr(error, "strerror", None) or error
         raise DatasetError(f"{path} cannot be read as a data set: {reason}") from None
