@@ -110,10 +110,10 @@ def linear_ticks(low: float, high: float, wanted: int = 6) -> list[float]:
 
 
 def log_ticks(low: float, high: float) -> list[float]:
-    """Powers of ten; with 2 and 5 times them where less than two would fit."""
+    """Powers of ten; with 2 and 5 times them, or more, where less than three would fit."""
     decades = range(math.floor(math.log10(low)), math.ceil(math.log10(high)) + 1)
     every = -(-len(decades) // 8)
-    for steps in ((1.0,), (1.0, 2.0, 5.0), tuple(range(1, 10))):
+    for steps in ((1.0,), (1.0, 2.0, 5.0), (1.0, 1.5, 2.0, 3.0, 5.0, 7.0), tuple(range(1, 10))):
         values = [m * 10.0**d for d in decades if d % every == 0 for m in steps]
         kept = [v for v in values if low * 0.999 <= v <= high * 1.001]
         if len(kept) >= 3:

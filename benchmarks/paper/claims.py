@@ -109,15 +109,12 @@ def direction(findings: Findings, key: str, text: str, group: str, better: str) 
         return Claim(key, text, "results", NOT_TESTABLE, "", "", None, "", f"I-FEM and ELM did not both run on {group}")
     sign = 1.0 if better == "ifem" else -1.0
     holds = sign * found.difference_mm < 0.0
-    figure = (
-        f"median RMSE {_mm(found.median_first_mm)} I-FEM, {_mm(found.median_second_mm)} ELM; I-FEM - ELM "
-        f"{_mm(found.difference_mm, signed=True)} [{_mm(found.difference_interval_mm.low, signed=True)}, "
-        f"{_mm(found.difference_interval_mm.high, signed=True)}]"
-    )
+    medians = f"median RMSE {_mm(found.median_first_mm)} I-FEM, {_mm(found.median_second_mm)} ELM"
+    figure = f"{medians}; I-FEM minus ELM {_change(found)}"
     verdict, reason = _direction_verdict(found, holds)
-    notes = [reason, *_seeds(findings, group, better), *_noise(findings, group, better)]
+    notes = [reason, *_seeds(findings, group, better), *_noise(findings, group)]
     effect = (
-        f"rank-biserial {found.rank_biserial:+.2f}; I-FEM is the better in {100 * found.superiority:.0f} % of pairs"
+        f"rank-biserial {_short(found.rank_biserial)}; I-FEM is the better in {100 * found.superiority:.0f} % of pairs"
     )
     test = f"sign test over {found.clusters} end points"
     return Claim(key, text, "results", verdict, figure, test, found.p_primary, effect, "; ".join(notes))
@@ -130,7 +127,7 @@ def _direction_verdict(found: Comparison, holds: bool) -> tuple[str, str]:
             NOT_TESTABLE,
             f"floor: without any feedback the error is below {low:g} mm, so precision says nothing here",
         )
-    small = f", though shown to be smaller than {statistics.MARGIN_MM:g} mm" if found.equivalent else ""
+    small = f", by less than the margin of {statistics.MARGIN_MM:g} mm" if found.equivalent else ""
     if found.p_primary < SIGNIFICANT:
         return (REPRODUCED, f"the direction holds{small}") if holds else (CONTRADICTED, f"the opposite holds{small}")
     which = "the direction holds" if holds else "the direction does not hold"
@@ -147,13 +144,9 @@ def _seeds(findings: Findings, group: str, better: str) -> list[str]:
     return ["ELM seeds were not compared"]
 
 
-def _noise(findings: Findings, group: str, better: str) -> list[str]:
+def _noise(findings: Findings, group: str) -> list[str]:
     found = findings.contrast(group, noise="on")
-    if not found:
-        return []
-    holds = (found.difference_mm < 0.0) == (better == "ifem") and found.difference_mm != 0.0
-    change = _mm(found.difference_mm, signed=True)
-    return [f"with target noise it {'holds' if holds else 'does not hold'} ({change}, p = {_p(found.p_primary)})"]
+    return [f"with target noise {_change(found)}, p = {_p(found.p_primary)}"] if found else []
 
 
 # ---- precision and stability
@@ -185,10 +178,10 @@ def submillimetric(findings: Findings) -> Claim:
 
 def variable_stability(findings: Findings) -> Claim:
     """S = 98 % of the ELM under variable Young's modulus, and the failures lie near the side faces."""
-    text, source = "Under variable Young's modulus S = 98 % with the ELM, failures near the borders", "results"
+    text, source = "Under variable Young’s modulus S = 98 % with the ELM, failures near the borders", "results"
     score = next((s for g in (ALL, "LIN", "CUR") if (s := findings.score(g, "elm", young="variable"))), None)
     if not score:
-        return Claim("variable", text, source, NOT_TESTABLE, "", "", None, "", "no ELM ran at variable Young's modulus")
+        return Claim("variable", text, source, NOT_TESTABLE, "", "", None, "", "no ELM ran at variable Young’s modulus")
     figure = f"S = {_share(score.stable, score.stable_interval)} of {score.insertions}"
     mine = [row for row in main_rows(findings.rows) if (row.arm, row.young) == ("elm", "variable")]
     failed = [border_mm(row) for row in mine if row.failed]
@@ -211,21 +204,18 @@ def variable_stability(findings: Findings) -> Claim:
 
 def no_difference(findings: Findings) -> Claim:
     """Constant and variable Young's modulus: no significant difference by the paper's test, and by a fair one."""
-    text, source = "No significant difference between constant and variable Young's modulus, p > 0.05", "results"
+    text, source = "No significant difference between constant and variable Young’s modulus, p > 0.05", "results"
     mine = {c.comparison.group: c.comparison for c in findings.young if c.varied == "elm"}
     found = next((mine[group] for group in (ALL, "CUR", "LIN") if group in mine), None)
     if not found:
         return Claim("young", text, source, NOT_TESTABLE, "", "", None, "", "no ELM ran at both on the same paths")
-    figure = (
-        f"median RMSE {_mm(found.median_first_mm)} constant, {_mm(found.median_second_mm)} variable; difference "
-        f"{_mm(found.difference_mm, signed=True)} [{_mm(found.difference_interval_mm.low, signed=True)}, "
-        f"{_mm(found.difference_interval_mm.high, signed=True)}]"
-    )
+    medians = f"median RMSE {_mm(found.median_first_mm)} constant, {_mm(found.median_second_mm)} variable"
+    figure = f"{medians}; difference {_change(found)}"
     test = f"Mann-Whitney U over {found.pairs} paths"
     paired = f"Wilcoxon over {found.clusters} end points p = {_p(found.p_wilcoxon)}"
     margin = f"{statistics.MARGIN_MM:g} mm"
     if found.p_mann_whitney <= DIFFERENT:
-        verdict, reason = CONTRADICTED, f"the paper's own test finds a difference; {paired}"
+        verdict, reason = CONTRADICTED, f"the paper’s own test finds a difference; {paired}"
     elif found.equivalent:
         verdict, reason = REPRODUCED, f"the difference is shown to be smaller than {margin}; {paired}"
     elif found.p_wilcoxon <= DIFFERENT:
@@ -234,7 +224,7 @@ def no_difference(findings: Findings) -> Claim:
         verdict, reason = REPRODUCED, f"none found, though not shown to be smaller than {margin}; {paired}"
     else:
         verdict, reason = NOT_TESTABLE, f"none found, but {found.clusters} end points are too few; {paired}"
-    effect = f"Cliff's delta {found.cliffs_delta:+.2f}"
+    effect = f"Cliff’s delta {_short(found.cliffs_delta)}"
     return Claim("young", text, source, verdict, figure, test, found.p_mann_whitney, effect, reason)
 
 
@@ -250,7 +240,7 @@ def time_saved(findings: Findings, where: str, share: float) -> Claim:
         return Claim(key, text, where, NOT_TESTABLE, "", "", None, "", "no timing pass with I-FEM and ELM")
     alone = {s.way: s for s in findings.savings if s.part == "controller"}
     figure = "; ".join(
-        f"whole step {_share(s.saved, s.saved_interval)} shorter than {s.way}"
+        f"{s.way}: whole step {_share(s.saved, s.saved_interval)} shorter"
         + (f", Jacobian and command alone {100 * alone[s.way].saved:.1f} %" if s.way in alone else "")
         for s in total
     )
@@ -277,12 +267,22 @@ def _share(value: float, interval: statistics.Interval) -> str:
     return f"{100 * value:.1f} % [{100 * interval.low:.1f}, {100 * interval.high:.1f}]"
 
 
-def _mm(value: float, *, signed: bool = False) -> str:
-    if math.isnan(value):
-        return "-"
-    if math.isinf(value):
-        return "failure" if value > 0 else "- failure"
-    return f"{value:+.3f} mm" if signed else f"{value:.3f} mm"
+def _mm(value: float) -> str:
+    return "-" if math.isnan(value) else "failure" if math.isinf(value) else f"{value:.3f} mm"
+
+
+def _change(found: Comparison) -> str:
+    low, high = found.difference_interval_mm.low, found.difference_interval_mm.high
+    return f"{_signed(found.difference_mm)} mm [{_signed(low)}, {_signed(high)}]"
+
+
+def _signed(value: float) -> str:
+    """With a true minus; infinite between an insertion that failed and one that did not."""
+    return (f"{value:+.3f}" if math.isfinite(value) else f"{value:+}").replace("-", "−").replace("inf", "∞")
+
+
+def _short(value: float) -> str:
+    return f"{value:+.2f}".replace("-", "−")
 
 
 def _p(value: float) -> str:

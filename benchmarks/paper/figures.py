@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from typing import Any
+from xml.sax.saxutils import escape
 
 from benchmarks.paper.table import ALL, GROUPS, arm_name, in_order
 from benchmarks.plot import COLOURS, PALE, Axis, BoxMark, Line, Panel, fitted_axis, number, picture, svg, text
@@ -37,7 +38,7 @@ def box_panels(report: Json, young: str, noise: str, *, arms: Sequence[str] | No
     for group in dict.fromkeys(s["group"] for s in scores):
         members = [s for s in scores if s["group"] == group]
         names = tuple(f"{SHORT.get(s['arm'], arm_name(s['arm']))}\n{_count(s)}" for s in members)
-        boxes = tuple(_mark(i, s) for i, s in enumerate(members))
+        boxes = tuple(_mark(i, s["box"], COLOUR_OF.get(s["arm"], 2), s["box"]["beyond"]) for i, s in enumerate(members))
         label = "RMSE, mm"
         panels.append(Panel(group, "", label, (), y_log=True, x_names=names, boxes=boxes, y_also=reach))
     return panels
@@ -47,10 +48,11 @@ def _count(score: Json) -> str:
     return f"{score['insertions']}, {score['failed']} failed" if score["failed"] else f"n = {score['insertions']}"
 
 
-def _mark(place: int, score: Json) -> BoxMark:
-    box = score["box"]
-    known = (box[name] for name in ("low", "q1", "median", "q3", "high"))
-    return BoxMark(float(place), *known, box["beyond"], COLOUR_OF.get(score["arm"], 2), f"{box['median']:.3g}")
+def _mark(place: int, box: Json, colour: int, beyond: Sequence[float]) -> BoxMark:
+    note = f"{box['median']:.3g}"
+    return BoxMark(
+        float(place), box["low"], box["q1"], box["median"], box["q3"], box["high"], beyond, colour=colour, note=note
+    )
 
 
 def pictures(panels: Sequence[Panel], *, name: str, about: str, width: int = 340, height: int = 350) -> list[str]:
@@ -138,7 +140,7 @@ def _spot(spot: Json, x_axis: Axis, y_axis: Axis) -> str:
         words = f"end point {spot['end_point']}: error at most {worst:.3f} mm"
         shade = shade_of(worst)
         shape = f"<circle class='q{shade}' cx='{x:.1f}' cy='{y:.1f}' r='4.6' fill='{SHADES[shade]}'/>"
-    return f"<g><title>{words}</title>{shape}</g>"
+    return f"<g><title>{escape(words)}</title>{shape}</g>"
 
 
 def shade_of(error_mm: float) -> int:
@@ -200,9 +202,7 @@ def seed_panels(report: Json) -> list[Panel]:
     boxes = []
     for i, group in enumerate(found):
         values = [s["median_mm"] for s in scores if s["group"] == group]
-        quartiles = report["seeds"]["boxes"][group]
-        known = (quartiles[name] for name in ("low", "q1", "median", "q3", "high"))
-        boxes.append(BoxMark(float(i), *known, values, 1, f"{quartiles['median']:.3g}"))
+        boxes.append(_mark(i, report["seeds"]["boxes"][group], COLOUR_OF["elm"], values))
     names = tuple(found)
     return (
         [Panel("ELM seeds", "", "median RMSE, mm", (), y_zero=True, x_names=names, boxes=tuple(boxes))] if boxes else []
@@ -232,15 +232,15 @@ def sensitivity_dots(report: Json) -> list[str]:
     """A picture for each group: a row for each setting with the medians of I-FEM, ELM and open loop."""
     rows = report["sensitivity"]
     found = []
-    for group in in_order({row["group"] for row in rows}, (*GROUPS, ALL)):
+    for i, group in enumerate(in_order({row["group"] for row in rows}, (*GROUPS, ALL))):
         mine = [row for row in rows if row["group"] == group]
         values = [row[name] for row in mine for name in ("ifem_mm", "elm_mm", "open_loop_mm") if row[name]]
         if values:
-            found.append(_dots(mine, values, group))
+            found.append(_dots(mine, values, group, f"v{i}"))
     return found
 
 
-def _dots(rows: list[Json], values: list[float], group: str) -> str:
+def _dots(rows: list[Json], values: list[float], group: str, name: str) -> str:
     left, width, row_height, top = 138, 450, 19, 34
     base = top + row_height * len(rows)
     axis = fitted_axis(values, left, width - 16, log=True)
@@ -260,10 +260,11 @@ def _dots(rows: list[Json], values: list[float], group: str) -> str:
             if value := row[f"{arm}_mm"]:
                 faint = " opacity='0.35'" if arm in row["nominal"] else ""
                 series = COLOUR_OF[arm]
+                words = f"<title>{escape(arm_name(arm))} {value:.3f} mm</title>"
                 parts.append(
                     f"<circle class='s{series}' cx='{axis.at(value):.1f}' cy='{y:.1f}' r='4.2' "
-                    f"fill='{COLOURS[series]}' stroke='none'{faint}><title>{arm_name(arm)} {value:.3f} mm</title></circle>"
+                    f"fill='{COLOURS[series]}' stroke='none'{faint}>{words}</circle>"
                 )
     said = f"Median RMSE of I-FEM, ELM and open loop in {len(rows)} settings."
     about = (f"Sensitivity, {group}", said)
-    return picture(parts, width=width, height=base + 44, name=f"v{group}", about=about)
+    return picture(parts, width=width, height=base + 44, name=name, about=about)

@@ -10,7 +10,7 @@ from markupsafe import Markup
 
 from benchmarks.paper import figures
 from benchmarks.paper.claims import CONTRADICTED, NOT_TESTABLE, REPRODUCED
-from benchmarks.paper.table import REFERENCES, arm_name
+from benchmarks.paper.table import ALL, REFERENCES, arm_name
 
 Json = dict[str, Any]
 
@@ -37,31 +37,28 @@ def html(report: Json) -> str:
         counts={name: sum(claim["verdict"] == name for claim in report["claims"]) for name in VERDICTS},
         symbols=VERDICTS,
         references=REFERENCES,
-        conditions=[_condition(report, young, noise) for young, noise in figures.conditions(report)],
+        conditions=[_condition(report, *held, f"b{i}-") for i, held in enumerate(figures.conditions(report))],
         maps=_safe(figures.maps(report)),
         bins=figures.BINS_MM,
         shades=figures.SHADES,
         bars=_safe([bars] if (bars := figures.timing_bars(report)) else []),
         seeds=_safe(figures.pictures(figures.seed_panels(report), name="s", about="Median RMSE of each ELM seed, mm.")),
-        curves=_safe(
-            figures.pictures(figures.learning_panels(report), name="l", about="Median and range over seeds.", width=440)
-        ),
+        curves=_safe(figures.pictures(figures.learning_panels(report), name="l", about="Median and range over seeds.")),
         dots=_safe(figures.sensitivity_dots(report)),
     )
     return page
 
 
-def _condition(report: Json, young: str, noise: str) -> Json:
-    """Everything of one condition: scores by group, pictures, which groups are at the floor."""
+def _condition(report: Json, young: str, noise: str, name: str) -> Json:
+    """Everything of one condition: scores by group, pictures, which groups are at the floor. name: begins their ids."""
     scores = [s for s in report["scores"] if (s["young"], s["noise"]) == (young, noise)]
     contrasts = [c for c in report["contrasts"] if (c["young"], c["noise"]) == (young, noise)]
     groups = list(dict.fromkeys(s["group"] for s in scores))
-    name = f"b-{young}-{noise}-".replace(" ", "-")
     about = "RMSE of each insertion in mm, logarithmic; medians:"
-    known = {s["arm"] for s in scores}
-    more = figures.box_panels(report, young, noise, arms=None) if known - set(figures.PAPER_ARMS) else []
-    wide = [
-        panel for panel in more if set(s["arm"] for s in scores if s["group"] == panel.title) - set(figures.PAPER_ARMS)
+    more = [
+        panel
+        for panel in figures.box_panels(report, young, noise, arms=None)
+        if panel.title != ALL and {s["arm"] for s in scores if s["group"] == panel.title} - set(figures.PAPER_ARMS)
     ]
     return {
         "title": condition(young, noise),
@@ -69,7 +66,7 @@ def _condition(report: Json, young: str, noise: str) -> Json:
         "contrasts": contrasts,
         "floors": {c["group"] for c in contrasts if c["floor"]},
         "boxes": _safe(figures.pictures(figures.box_panels(report, young, noise), name=name, about=about)),
-        "wide": _safe(figures.pictures(wide, name=f"{name}w", about=about, width=620)),
+        "wide": _safe(figures.pictures(more, name=f"{name}w", about=about, width=525, height=320)),
     }
 
 
@@ -83,7 +80,7 @@ def _safe(found: list[str]) -> list[Markup]:
 
 def condition(young: str, noise: str) -> str:
     """A condition in words."""
-    return f"{young} Young’s modulus, {NOISE.get(noise, noise)}"
+    return f"{young[:1].upper()}{young[1:]} Young’s modulus, {NOISE.get(noise, noise)}"
 
 
 def mm(value: float | None, absent: str = ABSENT) -> str:

@@ -147,7 +147,7 @@ def write(
         CSV: insertions_csv(rows([*outcomes, *timing])),
         HEADLINE: headline(report),
         HTML: html(report),
-        JSON: json.dumps(report, indent=1, allow_nan=False) + "\n",
+        JSON: json.dumps(report, indent=1, allow_nan=False, ensure_ascii=False) + "\n",
     }
     out.mkdir(parents=True, exist_ok=True)
     written = []

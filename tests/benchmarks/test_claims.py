@@ -223,7 +223,7 @@ def test_a_direction_without_significance(count: int, verdict: str) -> None:
 def test_a_tiny_but_sure_difference_says_that_it_is_tiny() -> None:
     claim = verdicts(pair("LIN", [0.100] * 20, [0.101] * 20))["lin"]
     assert claim.verdict == REPRODUCED
-    assert "smaller than 0.05 mm" in claim.reason
+    assert "less than the margin of 0.05 mm" in claim.reason
 
 
 def test_failures_count_against_a_controller() -> None:
