@@ -34,8 +34,8 @@ class Hands:
 
     run_many, run_alone: on all workers, and one after the other. begin: is told each stage and its cases before they
     run. table: table I of a finished training insertion. train: (kind, seed, data) -> content of a model file. store:
-    keeps a text under a name in the run's folder, where scenarios then find it; stored: whether it is there. record: a recording of each of these
-    outcomes, id -> file name.
+    keeps a text under a name in the run's folder, where scenarios then find it; stored: whether it is there. record:
+    a recording of each of these outcomes, id -> file name.
     """
 
     run_many: RunMany

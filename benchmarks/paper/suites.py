@@ -255,7 +255,11 @@ _KINDS = {
     "paper-v1": _Kind("lin100-v1, cur400-v1 and young-v1 together", paper_cases),
     "sensitivity-v1": _Kind("What the paper leaves open, moved one by one", sensitivity_cases),
 }
-_SIZES = {"": SCALES["full"], "-quick": SCALES["quick"], "-smoke": SCALES["smoke"]}
+_OWN_MODELS = {"baselines": 0}  # their models do not come along: they are trained in a run of `needlebench paper`
+_SIZES = {
+    size: SCALES[name].model_copy(update=_OWN_MODELS)
+    for size, name in (("", "full"), ("-quick", "quick"), ("-smoke", "smoke"))
+}
 
 
 def suite_names() -> dict[str, str]:
@@ -266,9 +270,19 @@ def suite_names() -> dict[str, str]:
 
 def suite(name: str, *, model: str = "default") -> Suite:
     """A suite by name; its ELM arms use `model`, a packaged one or a file. Raises ScenarioError for an unknown name."""
+    cases = tuple(resolved(drafts(name, model=model)))
+    return Suite(name=name, title=suite_names()[name], cases=cases)
+
+
+def drafts(name: str, *, model: str = "default") -> list[Case]:
+    """Its cases before defaults: the models that they name need not exist. Raises ScenarioError for an unknown name."""
+    kind, scale = _found(name)
+    return kind.cases(scale, {"elm": model})
+
+
+def _found(name: str) -> tuple[_Kind, Scale]:
     for base, kind in _KINDS.items():
         size = name.removeprefix(base)
         if name.startswith(base) and size in _SIZES:
-            cases = resolved(kind.cases(_SIZES[size], {"elm": model}))
-            return Suite(name=name, title=suite_names()[name], cases=tuple(cases))
+            return kind, _SIZES[size]
     raise ScenarioError([Problem("suite", name, f"is none of {', '.join(suite_names())}")])
