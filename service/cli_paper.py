@@ -40,7 +40,7 @@ PACE_OVER_S = 120.0
     metavar="NAME",
     default="smoke",
     show_default=True,
-    help="smoke, quick, full, extended, or a JSON file with the fields of a scale (--fields lists them).",
+    help="smoke, quick, full, extended, or a JSON file with the fields of a scale (see --fields).",
 )
 @click.option(
     "--out",
@@ -60,7 +60,7 @@ PACE_OVER_S = 120.0
 )
 @click.option("--plan", "only_plan", is_flag=True, help="Say what would be run, how long it takes, and end.")
 @click.option("--any-commit", is_flag=True, help="Go on with a folder that another commit began.")
-@click.option("--fields", is_flag=True, help="Print the scales as JSON, with every field, and end.")
+@click.option("--fields", is_flag=True, help="Print the scale as JSON, with every field, and end.")
 def paper(scale_name: str, path: Path, workers: int, only_plan: bool, any_commit: bool, fields: bool) -> None:
     """Rerun the paper: data set, ELM, test insertions, timing, statistics, report.
 
@@ -72,7 +72,8 @@ def paper(scale_name: str, path: Path, workers: int, only_plan: bool, any_commit
     A first answer:                   needlebench paper --scale quick --out out/quick
     The paper, about an hour:         needlebench paper --scale full --out out/paper
     What would that be:               needlebench paper --scale full --plan
-    A scale of one's own:             needlebench paper --fields > mine.json; needlebench paper --scale mine.json
+    A scale of one's own:             needlebench paper --scale full --fields > mine.json
+                                      needlebench paper --scale mine.json
 
     \b
     In DIR: report.html, report.json, insertions.csv (one line an insertion), predictions.csv (the ELMs' errors),
@@ -84,10 +85,9 @@ def paper(scale_name: str, path: Path, workers: int, only_plan: bool, any_commit
     """
     one_thread()
     from benchmarks.paper.plan import Plan
-    from benchmarks.paper.scale import SCALES
 
     if fields:
-        click.echo(json.dumps({name: scale.model_dump(mode="json") for name, scale in SCALES.items()}, indent=1))
+        click.echo(read_scale(scale_name).model_dump_json(indent=1))
         return
     plan = Plan(read_scale(scale_name))
     from service.run_many import Crew
