@@ -77,8 +77,9 @@ def paper(scale_name: str, path: Path, workers: int, only_plan: bool, any_commit
 
     \b
     In DIR: report.html, report.json, insertions.csv (one line an insertion), predictions.csv (the ELMs' errors),
-    results/ID.json, series/ID.npz, models/, recordings/ID.rrd (best, median, worst and failed cases, run again).
-    Scenarios name models as models/NAME.json, relative to DIR.
+    results/ID.json, series/ID.npz, dataset.npz, models/, recordings/ID.rrd (best, median, worst and failed cases, run
+    again). Scenarios name models as models/NAME.json, relative to DIR. A case that crashed stays crashed: remove its
+    result to have it run again.
 
     \b
     Exit code: 0 done   2 bad scale or folder, too little space   1 crash   130 Ctrl-C
@@ -100,8 +101,8 @@ def paper(scale_name: str, path: Path, workers: int, only_plan: bool, any_commit
     from service.paper_folder import opened
     from service.paper_run import PaperRun, enough_space, identity
 
+    enough_space(plan, path)
     with opened(path, identity(plan), any_commit=any_commit) as folder:
-        enough_space(plan, path)
         with Crew(workers, folder=folder.series, files=path.absolute()) as crew:
             cost = _tell(plan, workers, crew)
             begun = time.monotonic()

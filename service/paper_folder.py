@@ -3,6 +3,7 @@
     run.json          what is being run, and by which code: a run goes on only where it began
     results/ID.json   one finished insertion
     series/ID.npz     its time series, without tissue
+    dataset.npz       what the controllers were trained on
     models/           the controllers trained in this run
     recordings/       Rerun recordings of chosen cases
 

@@ -17,11 +17,12 @@ from benchmarks.paper.plan import Cost, Plan, Stage, probes, steps
 from benchmarks.paper.records import Case, Outcome, RunMany
 from service.paper_folder import RECORDINGS, SCHEMA, SERIES, PaperFolder, write_text
 from service.run_many import RECORDING, Crew
-from simcore.dataset import Dataset, Table, table_one
+from simcore.dataset import Dataset, Table, save_dataset, table_one
 from simcore.errors import NeedlebenchError, Problem, ScenarioError
 from simcore.files import names_mean
 from simcore.provenance import commit
 
+DATASET = "dataset.npz"
 SPARE = 1.2  # of the estimated disk space
 
 
@@ -63,8 +64,8 @@ def measured_cost(plan: Plan, crew: Crew) -> Cost:
     return Cost(ifem_s=each["probe-ifem"], plain_s=each["probe-plain"])
 
 
-def enough_space(plan: Plan, path: Path) -> int:
-    """Free bytes where the folder is or will be. Raises ScenarioError if the plan needs more."""
+def enough_space(plan: Plan, path: Path) -> None:
+    """Raises ScenarioError if there is less space than the plan needs where the folder is or will be."""
     there = path.absolute()
     while not there.exists():
         there = there.parent
@@ -72,7 +73,6 @@ def enough_space(plan: Plan, path: Path) -> int:
     if free < SPARE * plan.bytes:
         needed = f"needs about {plan.bytes / 1e6:.0f} MB and some to spare, {free / 1e6:.0f} MB are free"
         raise ScenarioError([Problem("--out", str(path), needed)])
-    return free
 
 
 @dataclass(frozen=True)
@@ -97,6 +97,7 @@ class PaperRun:
             run_alone=self._run(alone=True),
             begin=self.watcher.begin,
             table=self._table,
+            keep=lambda data: save_dataset(data, self.folder.path / DATASET),
             train=self.train,
             store=lambda name, text: write_text(self.folder.path / name, text),
             stored=lambda name: (self.folder.path / name).exists(),

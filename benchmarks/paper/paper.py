@@ -33,15 +33,16 @@ class Hands:
     """What the stages are handed.
 
     run_many, run_alone: on all workers, and one after the other. begin: is told each stage and its cases before they
-    run. table: table I of a finished training insertion. train: (kind, seed, data) -> content of a model file. store:
-    keeps a text under a name in the run's folder, where scenarios then find it; stored: whether it is there. record:
-    a recording of each of these outcomes, id -> file name.
+    run. table: table I of a finished training insertion. keep: stores the data set. train: (kind, seed, data) ->
+    content of a model file. store: keeps a text under a name in the run's folder, where scenarios then find it;
+    stored: whether it is there. record: a recording of each of these outcomes, id -> file name.
     """
 
     run_many: RunMany
     run_alone: RunMany
     begin: Callable[[Stage], None]
     table: Callable[[Case], Table]
+    keep: Callable[[Dataset], None]
     train: Callable[[str, int, Dataset], str]
     store: Callable[[str, str], None]
     stored: Callable[[str], bool]
@@ -69,6 +70,7 @@ def rerun(plan: Plan, hands: Hands) -> Findings:
     training, *stages = plan.stages
     first = _ran(training, hands, training.cases)
     data = gathered(plan, first, hands.table)
+    hands.keep(data)
     for name, kind, seed in models_of(plan):
         if not hands.stored(name):
             hands.store(name, hands.train(kind, seed, data))

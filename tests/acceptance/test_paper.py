@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import os
+import shutil
 import signal
 import subprocess
 import sys
@@ -21,7 +22,7 @@ from benchmarks.paper.suites import drafts, resolved
 from service.cli import main
 from service.cli_paper import read_scale
 from service.paper_folder import PaperFolder, opened
-from service.paper_run import identity
+from service.paper_run import enough_space, identity
 from service.run_many import Crew
 from simcore.errors import ScenarioError
 
@@ -62,25 +63,25 @@ def results(folder: Path) -> dict[str, Any]:
     return {p.stem: (json.loads(p.read_text()), p.stat().st_mtime_ns) for p in (folder / "results").glob("*.json")}
 
 
-def killed_after(folder: Path, number: int) -> None:
-    """Start the command and kill it, and all of its kin, once that many results are there."""
+def stopped_after(folder: Path, number: int, how: signal.Signals) -> int:
+    """Start the command and signal it once that many results are there; its exit code."""
     process = subprocess.Popen(command(folder), stderr=subprocess.DEVNULL, stdout=subprocess.DEVNULL)
     deadline = time.monotonic() + PATIENCE_S
     while not (folder / "results").exists() or len(list((folder / "results").glob("*.json"))) < number:
         assert process.poll() is None, "it ended by itself"
         assert time.monotonic() < deadline
         time.sleep(0.02)
-    os.kill(process.pid, signal.SIGKILL)
-    process.wait()
+    os.kill(process.pid, how)
+    return process.wait(PATIENCE_S)
 
 
 @pytest.mark.slow
 @pytest.mark.skipif(sys.platform != "linux", reason="kills by signal")
 def test_a_killed_run_goes_on_where_it_was(tmp_path: Path) -> None:
     folder = tmp_path / "run"
-    killed_after(folder, 2)  # in the data set
+    assert stopped_after(folder, 2, signal.SIGKILL) == -signal.SIGKILL  # in the data set
     first = results(folder)
-    killed_after(folder, 6)  # in the experiments
+    assert stopped_after(folder, 6, signal.SIGINT) == 130  # in the experiments
     second = results(folder)
     done = subprocess.run(command(folder), capture_output=True, text=True, timeout=PATIENCE_S, check=False)
     assert done.returncode == 0, done.stderr
@@ -182,6 +183,14 @@ def test_finished_cases_are_not_run_again(tmp_path: Path) -> None:
     assert asked == [["case-0", "case-1"], ["case-2", "case-3"]]
     assert second[:2] == first
     assert [outcome.case.id for outcome in second] == [case.id for case in cases]
+
+
+def test_a_full_disk_is_refused_before_anything_is_made(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    usage = shutil.disk_usage(tmp_path)
+    monkeypatch.setattr(shutil, "disk_usage", lambda _: usage._replace(free=1_000_000))
+    with pytest.raises(ScenarioError, match=r"--out = .*needs about \d+ MB and some to spare, 1 MB are free"):
+        enough_space(plan(), tmp_path / "deep" / "run")
+    assert not list(tmp_path.iterdir())
 
 
 # ---- the command
