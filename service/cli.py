@@ -24,6 +24,7 @@ _COMMANDS = {  # name -> (module, what it does); the order is that of the help
     "show": ("cli_service", "Show one job of a service."),
     "cancel": ("cli_service", "Cancel a job of a service."),
     "dataset": ("cli_learn", "Run the insertions that learned controllers are trained on."),
+    "paper": ("cli_paper", "Rerun the paper: data set, ELM, insertions, statistics, report."),
     "train": ("cli_learn", "Train the model of a learned controller."),
     "example": ("cli_learn", "Print an example to begin with, such as a controller of your own."),
     "bench": ("cli_bench", "Measure speed and convergence, or compare two measurements."),
