@@ -8,6 +8,8 @@ from typing import Annotated, Any, Literal, Self
 from pydantic import BaseModel, ConfigDict, Field, WithJsonSchema, field_validator
 
 from service.jobs import SUCCEEDED, Artefact, Job
+from service.upload_names import SCHEME
+from service.uploads import Upload
 
 State = Literal["queued", "running", "succeeded", "failed", "cancelled", "timed_out"]
 
@@ -99,6 +101,7 @@ class JobSummary(BaseModel):
     metrics: dict[str, Any] | None
     error: JobError | None
     links: Links
+    key: str | None = Field(description="Id of the API key that submitted it; null where none was asked for.")
     created_at: datetime
     started_at: datetime | None
     finished_at: datetime | None
@@ -117,6 +120,7 @@ class JobSummary(BaseModel):
             "metrics": job.metrics,
             "error": None if kind is None else JobError(kind=kind, message=job.error or ""),
             "links": links_of(job),
+            "key": job.owner,
             "created_at": moment(job.created_at),
             "started_at": moment(job.started_at),
             "finished_at": moment(job.finished_at),
@@ -172,6 +176,34 @@ class ArtefactView(BaseModel):
 
 class ArtefactList(BaseModel):
     items: list[ArtefactView]
+
+
+class UploadView(BaseModel):
+    """A file that was sent in. `reference` is what a scenario writes to name it."""
+
+    id: str
+    reference: str
+    kind: Literal["mesh", "model"]
+    name: str = Field(description="What its sender calls it.")
+    bytes: int
+    sha256: str
+    content: dict[str, Any] = Field(description="What was found in it: nodes, tetrahedra, arrays, members.")
+    created_at: datetime
+    url: str = Field(description="Where its content is.")
+
+    @classmethod
+    def of(cls, upload: Upload) -> Self:
+        names = ("id", "kind", "name", "bytes", "sha256", "content")
+        return cls(
+            **{name: getattr(upload, name) for name in names},
+            reference=f"{SCHEME}{upload.id}",
+            created_at=datetime.fromtimestamp(upload.created_at, UTC),
+            url=f"/api/v1/uploads/{upload.id}/content",
+        )
+
+
+class UploadList(BaseModel):
+    items: list[UploadView]
 
 
 class ScenarioInfo(BaseModel):
