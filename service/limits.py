@@ -33,7 +33,7 @@ class Limits:
     steps: int = _limit(200_000, 1, 1_000_000, "NEEDLEBENCH_MAX_STEPS", "steps of a job")
     job_hours: float = _limit(24, 0.001, 1000, "NEEDLEBENCH_MAX_JOB_HOURS", "hours that a job may take by estimate")
     job_memory_mb: int = _limit(
-        4096, 512, 1_000_000, "NEEDLEBENCH_JOB_MEMORY_MB", "MB of memory of a job, by estimate and while it runs"
+        4096, 700, 1_000_000, "NEEDLEBENCH_JOB_MEMORY_MB", "MB of memory of a job, by estimate and while it runs"
     )
 
     def __post_init__(self) -> None:

@@ -67,3 +67,23 @@ def test_every_reference_leads_somewhere_and_the_request_has_examples(document: 
         assert part.partition('"')[0] in schemas
     assert "HTTPValidationError" not in schemas
     assert len(schemas["JobRequest"]["examples"]) == 2
+
+
+def test_every_operation_names_its_scope(document: dict[str, Any]) -> None:
+    for name, (where, operation) in operations(document).items():
+        scopes = {scope for option in operation["security"] for found in option.values() for scope in found}
+        if where.endswith(("/healthz", "/readyz")):
+            assert scopes == set(), name
+        elif where.startswith("GET"):
+            assert scopes == {"read"}, name
+        else:
+            assert scopes <= {"submit", "admin"}, name
+            assert len(scopes) == 1, name
+        assert not any(field.startswith("x-") for field in operation), name
+    assert set(document["components"]["securitySchemes"]) == {"key", "login"}
+
+
+def test_every_operation_tells_its_refusals(document: dict[str, Any]) -> None:
+    for name, (where, operation) in operations(document).items():
+        if "/api/" in where:
+            assert {"401", "403", "421", "422", "429"} <= set(operation["responses"]), name

@@ -240,7 +240,7 @@ def test_a_mesh_that_expands_without_end_costs_a_refusal(tmp_path: Path) -> None
     """A compressed .vtu of 8 MB that would unpack to 6 GB."""
     with idle_service(tmp_path) as (http, service):
         answer = send(http, vtu_bomb(), name="bomb.vtu")
-        assert (answer.status_code, "2000 MB" in answer.json()["detail"]) == (422, True), answer.text
+        assert answer.status_code == 422, answer.text
         assert list(service.settings.uploads.iterdir()) == []
 
 
