@@ -9,7 +9,7 @@ from typing import Any, cast
 import anyio.to_thread
 from fastapi import FastAPI
 
-from service import api, login, openapi, page, problems, results, system, upload_routes
+from service import api, key_routes, login, openapi, page, problems, results, system, upload_routes
 from service.core import Service
 from service.guard import BodyLimit, HostGuard
 from service.key_guard import KeyGuard
@@ -49,7 +49,7 @@ def create_app(service: Service) -> FastAPI:
     app.add_exception_handler(UnknownUpload, problems.on_unknown)
     app.add_exception_handler(UnknownKey, problems.on_unknown)
     app.add_exception_handler(UploadInUse, problems.on_conflict)
-    for part in (api, results, upload_routes, system, login, page):
+    for part in (api, results, upload_routes, key_routes, system, login, page):
         app.include_router(part.router)
     _guard(app, service)
     return app

@@ -37,7 +37,7 @@ class KeyGuard:
             return await self._app(scope, receive, send)
         request = Request(scope)
         try:
-            caller = await run_in_threadpool(self._caller, request)
+            caller = await self._caller(request)
         except OperationalError as error:
             return await database_refusal(request, error)(scope, receive, send)
         answer = self._refused(request, caller)
@@ -46,12 +46,17 @@ class KeyGuard:
         scope.setdefault("state", {})["caller"] = caller
         await self._app(scope, receive, send)
 
-    def _caller(self, request: Request) -> Caller | None:
-        """Whoever it is; a Bearer header, right or wrong, comes before the cookie."""
+    async def _caller(self, request: Request) -> Caller | None:
+        """Whoever it is. Threads are for those who must be looked up: a health check never waits for one."""
         if request.url.path in OPEN_PATHS:
             return Caller(key_id=None, scope=READ)
-        if not self._keys.wanted():
-            return Caller(key_id=None, scope=ADMIN)
+        wanted = self._keys.wanted_lately
+        if wanted is None:
+            wanted = await run_in_threadpool(self._keys.wanted)
+        return await run_in_threadpool(self._known, request) if wanted else Caller(key_id=None, scope=ADMIN)
+
+    def _known(self, request: Request) -> Caller | None:
+        """A Bearer header, right or wrong, comes before the cookie."""
         if (header := request.headers.get("authorization")) is not None:
             kind, _, key = header.partition(" ")
             return self._keys.caller(key.strip()) if kind.lower() == "bearer" else None

@@ -59,7 +59,7 @@ class Keys:
         """A new key and its text, which cannot be had again. Raises ScenarioError."""
         if scope not in SCOPES:
             raise ScenarioError([Problem("scope", scope, f"must be {', '.join(SCOPES)}")])
-        if len(note) > NOTE_LENGTH or not (note.isprintable() or not note):
+        if len(note) > NOTE_LENGTH or not note.isprintable():
             raise ScenarioError([Problem("note", note, f"must be at most {NOTE_LENGTH} printable characters")])
         key, key_id = new_key()
         row = {"id": key_id, "secret_sha256": digest_of(key), "scope": scope, "note": note}
@@ -93,14 +93,21 @@ class Keys:
 
     def wanted(self) -> bool:
         """Whether requests must bring a key. Asks the database at most once a second."""
+        lately = self.wanted_lately
+        if lately is not None:
+            return lately
+        query = select(api_key.c.id).where(api_key.c.revoked_at.is_(None)).limit(1)
+        with self._store.reading() as connection:
+            self._any = connection.execute(query).one_or_none() is not None
+        self._asked_at = time.monotonic()
+        return self._any
+
+    @property
+    def wanted_lately(self) -> bool | None:
+        """The same without asking the database; None when the answer is older than a second."""
         if self._always:
             return True
-        if time.monotonic() - self._asked_at >= _ASKED_AGAIN_S:
-            query = select(api_key.c.id).where(api_key.c.revoked_at.is_(None)).limit(1)
-            with self._store.reading() as connection:
-                self._any = connection.execute(query).one_or_none() is not None
-            self._asked_at = time.monotonic()
-        return self._any
+        return self._any if time.monotonic() - self._asked_at < _ASKED_AGAIN_S else None
 
     # -- who it is
 

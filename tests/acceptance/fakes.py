@@ -14,8 +14,8 @@ from service.progress import replace_text
 
 
 def run_job(spec: dict[str, Any], artefact_dir: Path) -> dict[str, Any]:
-    """Behaves as the name of the scenario says: quick, long, raises, greedy (takes memory without end), dies, or dies in
-    its first attempt only."""
+    """Behaves as the name of the scenario says: quick, long, raises, greedy (takes memory without end), dies, or
+    dies in its first attempt only."""
     name = spec["scenario"]["name"]
     (artefact_dir / "pid").write_text(str(os.getpid()))
     if name == "raises":

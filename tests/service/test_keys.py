@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import sqlite3
 from collections.abc import Iterator
 from contextlib import closing
@@ -78,6 +79,30 @@ def test_what_another_key_made_is_deleted_by_admin_only(both: tuple[TestClient, 
     assert http.delete(sent.headers["location"], headers=mine).status_code == 204
     assert http.delete(urls[0], headers=mine).status_code == 204
     assert http.delete(urls[1], headers=admin).status_code == 204
+
+
+def test_admins_make_list_and_revoke_keys(both: tuple[TestClient, Service]) -> None:
+    http, service = both
+    assert http.post("/api/v1/keys", json={"scope": "admin"}).status_code == 409, "it would lock everybody out"
+    admin, submit = bearer(service, "admin"), bearer(service, "submit")
+    made = http.post("/api/v1/keys", json={"scope": "read", "note": "lab"}, headers=admin)
+    assert (made.status_code, made.headers["cache-control"]) == (201, "no-store")
+    key = made.json().pop("key")
+    assert http.get(JOBS, headers={"Authorization": f"Bearer {key}"}).status_code == 200
+    items = http.get("/api/v1/keys", headers=admin).json()["items"]
+    assert [(item["scope"], item["note"]) for item in items] == [("admin", ""), ("submit", ""), ("read", "lab")]
+    assert key not in json.dumps(items)
+    url = made.headers["location"]
+    assert http.get(url, headers=admin).json()["id"] == id_of(key)
+    for _ in range(2):
+        assert http.delete(url, headers=admin).status_code == 204
+    assert http.get(JOBS, headers={"Authorization": f"Bearer {key}"}).status_code == 401
+    assert http.get("/api/v1/keys/unknown", headers=admin).status_code == 404
+    for body in ({"scope": "root"}, {"scope": "read", "note": "a\nb"}, {"scope": "read", "more": 1}, {}):
+        assert http.post("/api/v1/keys", json=body, headers=admin).status_code == 422
+    codes = {http.request(method, path, headers=submit, json={"scope": "read"}).status_code
+             for method, path in (("GET", "/api/v1/keys"), ("POST", "/api/v1/keys"), ("DELETE", url))}  # fmt: skip
+    assert codes == {403}
 
 
 def test_two_keys_may_use_the_same_idempotency_key(both: tuple[TestClient, Service]) -> None:

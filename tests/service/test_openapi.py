@@ -24,6 +24,10 @@ OPERATIONS = {
     "get_upload": "GET /api/v1/uploads/{upload_id}",
     "get_upload_content": "GET /api/v1/uploads/{upload_id}/content",
     "delete_upload": "DELETE /api/v1/uploads/{upload_id}",
+    "list_keys": "GET /api/v1/keys",
+    "create_key": "POST /api/v1/keys",
+    "get_key": "GET /api/v1/keys/{key_id}",
+    "revoke_key": "DELETE /api/v1/keys/{key_id}",
     "list_scenarios": "GET /api/v1/scenarios",
     "get_scenario": "GET /api/v1/scenarios/{name}",
     "get_health": "GET /healthz",
@@ -74,6 +78,8 @@ def test_every_operation_names_its_scope(document: dict[str, Any]) -> None:
         scopes = {scope for option in operation["security"] for found in option.values() for scope in found}
         if where.endswith(("/healthz", "/readyz")):
             assert scopes == set(), name
+        elif "/keys" in where:
+            assert scopes == {"admin"}, name
         elif where.startswith("GET"):
             assert scopes == {"read"}, name
         else:
