@@ -14,7 +14,7 @@ from service.core import Service
 from service.guard import BodyLimit, HostGuard
 from service.key_guard import KeyGuard
 from service.keys import UnknownKey
-from service.uploads import UnknownUpload, UploadInUse
+from service.uploads import UnknownUpload, UploadInUse, UploadsFull
 from service.version import installed_version
 
 DESCRIPTION = """Robotic needle insertions in deforming tissue, as jobs: submit a scenario, follow it, fetch its
@@ -49,6 +49,7 @@ def create_app(service: Service) -> FastAPI:
     app.add_exception_handler(UnknownUpload, problems.on_unknown)
     app.add_exception_handler(UnknownKey, problems.on_unknown)
     app.add_exception_handler(UploadInUse, problems.on_conflict)
+    app.add_exception_handler(UploadsFull, problems.on_no_room)
     for part in (api, results, upload_routes, key_routes, system, login, page):
         app.include_router(part.router)
     _guard(app, service)

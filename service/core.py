@@ -35,7 +35,9 @@ class Service:
         changes = Changes()
         store = Store(open_database(settings.database), notify=changes.notify, limits=settings.limits)
         keys = Keys(store, environment_key=settings.api_key, always=not settings.loopback)
-        return cls(settings, store, Engine(settings, store), changes, keys, Uploads(settings.uploads, store))
+        return cls(
+            settings, store, Engine(settings, store), changes, keys, Uploads(settings.uploads, store, settings.limits)
+        )
 
 
 async def _service_of(request: Request) -> Service:
@@ -65,14 +67,16 @@ _CAUSES = {
     404: "There is no such thing.",
     409: "It is not in a state for this.",
     413: "The body is too long.",
+    414: "The address is too long.",
     415: "The body is not of a type that is taken.",
     421: "The Host header is not a name of this machine.",
     422: "A field is missing or out of its range; `errors` names field, value and range.",
     429: "Too many requests of this key, or too many queued jobs; Retry-After says when to ask again.",
     431: "The headers are too long.",
     503: "Not now; Retry-After says when to ask again.",
+    507: "There is no room for more uploads; delete some.",
 }
-_ANYWHERE = (401, 403, 421, 422, 429, 431)
+_ANYWHERE = (401, 403, 414, 421, 422, 429, 431)
 
 
 def documented(*statuses: int) -> dict[int | str, dict[str, Any]]:

@@ -21,7 +21,10 @@ from service.rate import Rate
 COOKIE = "needlebench_session"
 OPEN_PATHS = frozenset({"/healthz", "/readyz", "/login"})  # health checks carry no key; the login is where one is given
 _OF_EVERY_SCOPE = frozenset({"/logout"})
-_HIDDEN = "this service asks for a key: send it as Authorization: Bearer KEY, or log in at /login"
+_HIDDEN = (
+    "this service asks for a key: send it as Authorization: Bearer KEY, or log in at /login; "
+    "commands and scripts of needlebench take it from NEEDLEBENCH_API_KEY"
+)
 
 
 class KeyGuard:

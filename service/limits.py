@@ -24,6 +24,7 @@ class Limits:
 
     body_mb: float = _limit(32, 0.001, 1000, "NEEDLEBENCH_MAX_BODY_MB", "MB of a request's body, uploads apart")
     upload_mb: float = _limit(64, 0.001, 200, "NEEDLEBENCH_MAX_UPLOAD_MB", "MB of an uploaded file")
+    uploads_mb: float = _limit(2000, 0.001, 1e9, "NEEDLEBENCH_MAX_UPLOADS_MB", "MB of all uploaded files together")
     queue: int = _limit(10_000, 1, 1_000_000, "NEEDLEBENCH_MAX_QUEUE", "queued jobs")
     queue_per_key: int = _limit(5_000, 1, 1_000_000, "NEEDLEBENCH_MAX_QUEUE_PER_KEY", "queued jobs of one key")
     rate_per_key: float = _limit(

@@ -155,6 +155,11 @@ def on_conflict(request: Request, error: Exception) -> Response:
     return _reply(request, 409, str(error))
 
 
+def on_no_room(request: Request, error: Exception) -> Response:
+    """507, with what the error says."""
+    return _reply(request, 507, str(error))
+
+
 def _on_key(request: Request, error: Exception) -> Response:
     field = Problem("Idempotency-Key", request.headers.get("idempotency-key"), str(error))
     return _reply(request, 422, str(error), errors=[field])

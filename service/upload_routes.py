@@ -42,7 +42,7 @@ UploadId = Annotated[str, PathParameter(description="Id of an upload.", max_leng
     responses={
         200: {"description": "The same content was there already.", "headers": _LOCATION, "model": UploadView},
         201: {"description": "Kept.", "headers": _LOCATION},
-        **documented(400, 413, 415, 503),
+        **documented(400, 413, 415, 503, 507),
     },
     openapi_extra={"requestBody": {"required": True, "content": {_PLAIN: _BINARY}}},
 )

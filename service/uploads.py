@@ -13,10 +13,11 @@ from dataclasses import dataclass, fields
 from pathlib import Path
 from typing import Any
 
-from sqlalchemy import Connection, delete, insert, select
+from sqlalchemy import Connection, delete, func, insert, select
 
 from service.access_tables import job_upload, upload
 from service.jobs import QUEUED, RUNNING
+from service.limits import Limits
 from service.store import Store
 from service.tables import job
 from service.upload_names import UploadLookup
@@ -31,6 +32,10 @@ class UnknownUpload(NeedlebenchError, LookupError):
 
 class UploadInUse(NeedlebenchError):
     """A job that is queued or running will read it."""
+
+
+class UploadsFull(NeedlebenchError):
+    """All uploads together would be more than what is kept."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -50,8 +55,9 @@ class Upload:
 class Uploads:
     """The uploads of a data folder: files in `folder`, one row each in the database."""
 
-    def __init__(self, folder: Path, store: Store) -> None:
+    def __init__(self, folder: Path, store: Store, limits: Limits) -> None:
         self.folder = folder
+        self._most_mb = limits.uploads_mb
         self._store = store
         self._turn = threading.Lock()  # a file and its row come and go together
         self._drafts = 0
@@ -94,7 +100,7 @@ class Uploads:
     def keep(
         self, draft: Path, *, kind: str, name: str, sha256: str, content: dict[str, Any], owner: str | None
     ) -> tuple[Upload, bool]:
-        """Make a complete, checked draft an upload; whether it is new."""
+        """Make a complete, checked draft an upload; whether it is new. Raises UploadsFull."""
         new = Upload(
             id=f"{sha256}{draft.suffix}",
             kind=kind,
@@ -106,6 +112,7 @@ class Uploads:
             created_at=self._store.now,
         )
         with self._turn:
+            self._make_sure_of_room(new)
             draft.replace(self.path(new))
             _flush(self.folder)
             with self._store.writing() as connection:
@@ -114,6 +121,14 @@ class Uploads:
                     row = {item.name: getattr(new, item.name) for item in fields(Upload)}
                     connection.execute(insert(upload).values(row))
         return known or new, known is None
+
+    def _make_sure_of_room(self, new: Upload) -> None:
+        others = select(func.coalesce(func.sum(upload.c.bytes), 0)).where(upload.c.id != new.id)
+        with self._store.reading() as connection:
+            total_mb = (connection.execute(others).scalar_one() + new.bytes) / 1e6
+        if total_mb > self._most_mb:
+            message = f"all uploads would be {total_mb:.4g} MB, at most {self._most_mb:g} are kept: delete some"
+            raise UploadsFull(message)
 
     def delete(self, upload_id: str) -> None:
         """Raises UnknownUpload, and UploadInUse while a queued or running job names it."""

@@ -33,6 +33,7 @@ def test_flags_come_before_variables_and_variables_before_defaults(tmp_path: Pat
         ("NEEDLEBENCH_MAX_BODY_MB", "0", "must be 0.001 to 1000"),
         ("NEEDLEBENCH_MAX_UPLOAD_MB", "inf", "must be 0.001 to 200"),
         ("NEEDLEBENCH_MAX_UPLOAD_MB", "many", "must be a number"),
+        ("NEEDLEBENCH_MAX_UPLOADS_MB", "0", "must be 0.001 to"),
         ("NEEDLEBENCH_MAX_QUEUE", "0", "must be 1 to"),
         ("NEEDLEBENCH_MAX_QUEUE", "1.5", "must be a whole number"),
         ("NEEDLEBENCH_MAX_QUEUE_PER_KEY", "-1", "must be 1 to"),

@@ -268,6 +268,19 @@ def test_what_a_dead_server_left_half_received_is_swept(tmp_path: Path) -> None:
         assert not left.exists()
 
 
+def test_all_uploads_together_have_a_limit(tmp_path: Path) -> None:
+    with idle_service(tmp_path / "data", limits=Limits(uploads_mb=0.001)) as (http, service):
+        text = [b'{"a": "' + letter * 600 + b'"}' for letter in (b"x", b"y")]
+        first = send(http, text[0], "a.json", "model")
+        full = send(http, text[1], "b.json", "model")
+        assert (first.status_code, full.status_code) == (201, 507)
+        assert full.headers["content-type"] == "application/problem+json"
+        assert send(http, text[0], "c.json", "model").status_code == 200
+        assert [path.name for path in service.settings.uploads.iterdir()] == [first.json()["id"]]
+        assert http.delete(first.headers["location"]).status_code == 204
+        assert send(http, text[1], "b.json", "model").status_code == 201
+
+
 def test_limits_are_told_in_the_estimate(tmp_path: Path) -> None:
     with idle_service(tmp_path / "data", limits=Limits(nodes=100)) as (http, _):
         reference = send(http, box(tmp_path)).json()["reference"]
