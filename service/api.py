@@ -11,7 +11,7 @@ from typing import Annotated, Any
 from fastapi import APIRouter, Header, Query, Request, Response, status
 from starlette.concurrency import run_in_threadpool
 
-from service.core import JobId, Service, ServiceOf, documented, matches, open_for_work
+from service.core import JobId, Service, ServiceOf, documented, matches
 from service.cost import check_cost
 from service.jobs import Job
 from service.schemas import JobPage, JobRequest, JobSummary, JobView, State
@@ -44,7 +44,7 @@ def submit_job(
     ] = None,
 ) -> JobView:
     """Queue one insertion. The scenario is checked first: what is wrong with it is named field by field."""
-    open_for_work(service)
+    service.refuse_when_closing()
     scenario, uploads = _scenario(body.scenario, service)
     resolved = scenario.resolved()
     owner = request.state.caller.key_id

@@ -123,7 +123,7 @@ def submit(
     """
     from service.follow import exit_code, follow
 
-    with connected(url) as client:
+    with client_of(url) as client:
         job = _submitted(client, source, changes, priority, timeout_s)
         click.echo(job.id)
         if not wait:
@@ -175,7 +175,7 @@ def jobs(state: str | None, limit: int, as_json: bool, url: str | None) -> None:
     What is going on:         needlebench jobs --state running
     For other programs:       needlebench jobs --limit 1000 --json
     """
-    with connected(url) as client:
+    with client_of(url) as client:
         for job in asked(lambda: list(client.jobs(state=state, limit=limit))):
             click.echo(json.dumps(job.raw) if as_json else _line(job))
 
@@ -189,7 +189,7 @@ def show(job_id: str, url: str | None) -> None:
     \b
     Metrics only:             needlebench show JOB | jq .metrics
     """
-    with connected(url) as client:
+    with client_of(url) as client:
         click.echo(json.dumps(dict(asked(lambda: client.job(job_id)).raw), indent=2))
 
 
@@ -203,14 +203,14 @@ def cancel(job_id: str, url: str | None) -> None:
     The running ones:         needlebench jobs --state running
     One of them:              needlebench cancel JOB
     """
-    with connected(url) as client:
+    with client_of(url) as client:
         asked(lambda: client.cancel(job_id))
         job = client.wait(job_id, timeout_s=30)
         click.echo(f"{job.id} {job.state}")
 
 
-def connected(url: str | None) -> Client:
-    """A client of the service at `url`, by default of the one started last on this machine."""
+def client_of(url: str | None) -> Client:
+    """A client of the service at `url`, else of the one that was started last on this machine."""
     from service.client import Client
     from service.server import endpoint
     from service.settings import DEFAULT_HOST, DEFAULT_PORT, data_dir, url_of

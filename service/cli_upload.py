@@ -6,7 +6,7 @@ from pathlib import Path
 
 import click
 
-from service.cli_service import asked, connected, url_option
+from service.cli_service import asked, client_of, url_option
 
 
 @click.command()
@@ -23,7 +23,7 @@ def upload(file: Path, kind: str | None, url: str | None) -> None:
     A mesh of your own:       needlebench upload liver.msh
     Use it:                   needlebench submit mine.json --set tissue.mesh_file=artefact:ID
     """
-    with connected(url) as client:
+    with client_of(url) as client:
         sent = asked(lambda: client.upload(file, kind=kind))
         click.echo(sent.reference)
         found = ", ".join(f"{name} {value}" for name, value in sent.content.items())
@@ -40,7 +40,7 @@ def uploads(deleted: str | None, url: str | None) -> None:
     What there is:            needlebench uploads
     Make room:                needlebench uploads --delete ID
     """
-    with connected(url) as client:
+    with client_of(url) as client:
         if deleted is not None:
             asked(lambda: client.delete_upload(deleted.removeprefix("artefact:")))
             return

@@ -39,6 +39,11 @@ class Service:
             settings, store, Engine(settings, store), changes, keys, Uploads(settings.uploads, store, settings.limits)
         )
 
+    def refuse_when_closing(self) -> None:
+        """Raises a problem of status 503 once no new work is taken."""
+        if self.changes.closed:
+            raise HttpProblem(503, "the service is going down", headers={"Retry-After": "10"})
+
 
 async def _service_of(request: Request) -> Service:
     return cast(Service, request.app.state.service)
@@ -46,12 +51,6 @@ async def _service_of(request: Request) -> Service:
 
 ServiceOf = Annotated[Service, Depends(_service_of)]
 JobId = Annotated[str, Path(description="Id of a job.", min_length=1, max_length=32, pattern="^[0-9a-z]+$")]
-
-
-def open_for_work(service: Service) -> None:
-    """Raises HttpProblem 503 once the server is going down."""
-    if service.changes.closed:
-        raise HttpProblem(503, "the service is going down", headers={"Retry-After": "10"})
 
 
 def matches(if_none_match: str | None, tag: str) -> bool:

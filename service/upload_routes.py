@@ -13,7 +13,7 @@ from starlette.concurrency import run_in_threadpool
 from starlette.requests import ClientDisconnect
 from starlette.responses import FileResponse
 
-from service.core import Service, ServiceOf, documented, open_for_work
+from service.core import Service, ServiceOf, documented
 from service.problems import HttpProblem
 from service.schemas import UploadList, UploadView
 from service.upload_check import BadUpload, checked
@@ -55,7 +55,7 @@ async def create_upload(
 ) -> UploadView:
     """The body is the file itself. It is looked into before it is kept; the same content has the same id. Scenarios
     name it as `artefact:<id>` in `tissue.mesh_file` or `controller.model`."""
-    open_for_work(service)
+    service.refuse_when_closing()
     suffix = _suffix(kind, name, request.headers.get("content-type", ""))
     draft = await run_in_threadpool(service.uploads.draft, suffix)
     try:
