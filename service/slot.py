@@ -14,6 +14,7 @@ from sqlalchemy.exc import SQLAlchemyError
 
 from service import pool, progress, worker
 from service.jobs import CANCELLED, FAILED, SUCCEEDED, TIMED_OUT, Artefact, IllegalTransition, Job, Outcome
+from service.memory import resident_mb
 from service.settings import Settings
 from service.store import Store
 
@@ -97,7 +98,7 @@ class Slot(threading.Thread):
         folder = self._settings.data / job.folder
         try:
             shutil.rmtree(folder, ignore_errors=True)
-            spec = {**(job.spec or {}), "job_id": job.id}
+            spec = {**(job.spec or {}), "job_id": job.id, "uploads": str(self._settings.uploads)}
             future = workman.call(worker.execute, self._settings.runner, spec, str(folder))
             outcome = self._watch(workman, job, future)
         except pool.Lost as loss:
@@ -125,11 +126,19 @@ class Slot(threading.Thread):
             if not workman.alive:
                 raise pool.Lost("its worker process died")
             if cancelled:
-                return self._cut_short(job, CANCELLED, None)
+                return self._cut_short(job, CANCELLED)
             if time.monotonic() > deadline:
-                return self._cut_short(job, TIMED_OUT, f"it did not end within timeout_s = {job.timeout_s:g}")
+                message = f"it did not end within timeout_s = {job.timeout_s:g}"
+                return self._cut_short(job, TIMED_OUT, kind="timed_out", message=message)
+            if (greed := self._greed()) is not None:
+                return self._cut_short(job, FAILED, kind="out_of_memory", message=greed)
             known = now
         return None
+
+    def _greed(self) -> str | None:
+        """What to say when the worker holds more memory than a job may."""
+        held, most = resident_mb(self.pid or 0), self._settings.limits.job_memory_mb
+        return f"it held {held:.0f} MB, at most {most} are allowed" if held is not None and held > most else None
 
     def _cancelled(self, job: Job, news: dict[str, Any] | None) -> bool:
         """Hand the progress on, if there is any; whether somebody wants the job to stop."""
@@ -149,11 +158,10 @@ class Slot(threading.Thread):
             return Outcome(state=FAILED, error_kind=kind, error=message, artefacts=files, **left)
         return Outcome(state=SUCCEEDED, result=answer["result"], artefacts=files, **left)
 
-    def _cut_short(self, job: Job, state: str, message: str | None) -> Outcome:
+    def _cut_short(self, job: Job, state: str, *, kind: str | None = None, message: str | None = None) -> Outcome:
         """End the process; what it had written so far is kept."""
         self._drop_worker()
         files = self._files(job, worker.describe(self._settings.data / job.folder))
-        kind = "timed_out" if state == TIMED_OUT else None
         return Outcome(state=state, error_kind=kind, error=message, artefacts=files)
 
     def _files(self, job: Job, described: list[dict[str, Any]]) -> tuple[Artefact, ...]:

@@ -14,13 +14,18 @@ from service.progress import replace_text
 
 
 def run_job(spec: dict[str, Any], artefact_dir: Path) -> dict[str, Any]:
-    """Behaves as the name of the scenario says: quick, long, raises, dies, or dies in its first attempt only."""
+    """Behaves as the name of the scenario says: quick, long, raises, greedy (takes memory without end), dies, or
+    dies in its first attempt only."""
     name = spec["scenario"]["name"]
     (artefact_dir / "pid").write_text(str(os.getpid()))
     if name == "raises":
         raise ValueError("asked to")
     if name == "dies" or (name == "dies once" and artefact_dir.name == "1"):
         os._exit(9)
+    hoard: list[bytearray] = []
+    while name == "greedy":
+        hoard.append(bytearray(os.urandom(1 << 20) * 10))
+        time.sleep(0.01)
     with (artefact_dir / "recording.rrd").open("wb") as recording:
         for step in range(1, 2 if name == "quick" else 1200):
             recording.write(b"step %d\n" % step)

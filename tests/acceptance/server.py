@@ -13,6 +13,7 @@ from pathlib import Path
 
 from needlebench import Client
 from service.client import JobStatus
+from service.limits import Limits
 from service.server import serve
 from service.settings import RUNNER, Settings
 
@@ -97,5 +98,6 @@ def children(pid: int) -> list[int]:
 def main() -> None:
     """What the process of `Server` runs."""
     data, runner, workers = sys.argv[1:4]
-    settings = Settings(data=Path(data), port=0, runner=runner or RUNNER, workers=int(workers))
+    limits = Limits.load(os.environ)
+    settings = Settings(data=Path(data), port=0, runner=runner or RUNNER, workers=int(workers), limits=limits)
     serve(settings, announce=lambda url: print(url, flush=True))
