@@ -13,7 +13,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from service.limits import Limits
-from simcore.blocks import InverseFem, SeparateModel, Tissue
+from simcore.blocks import Tissue
+from simcore.controller_blocks import InverseFem, SeparateModel
 from simcore.errors import Problem, ScenarioError
 from simcore.mesh_file import load_mesh
 from simcore.scenario import Scenario
