@@ -177,6 +177,8 @@ class Insertion:
     def _settle(self, channel: Channel, bodies: Bodies, report: StepReport) -> StepReport:
         """After convergence: store forces and arc lengths, cut, create, drop and take up elements."""
         c, model, tip = self.coupled, self.channel_model, bodies.needle_x[-1]
+        channel.force_change_n[:] = 0.0
+        channel.force_change_n[c.elements] = c.force - channel.force_n[c.elements]
         channel.force_n[c.elements] = c.force
         channel.mode[c.elements] = c.mode
         if channel.phase is Phase.CONTACT:

@@ -109,7 +109,7 @@ class Coupled:
     ) -> tuple[Bodies, StepReport]:
         """Move the base to (position (3,) m, rotation (3, 3)) and find the new equilibrium; `channel` gets its forces.
 
-        `start` is not changed. The first try continues the last step's motion with the kept factor; where it fails, a
+        `start` is not changed. The first try continues the last step's motion and its change of forces, with the kept factor; where it fails, a
         second one begins at `start` with a new factor. The base's difference from the first iterate is handed to the
         first correction as a prescribed displacement. held_shift_m: (3,) m, world, displacement of the
         held nodes from the reference shape at the end of the step; None = they stay.
@@ -209,7 +209,7 @@ class Coupled:
         )
         self.arc, self.speed = channel.arc_m[elements], np.ones(a)
         self.all_arcs = channel.arc_m.copy()
-        self.force = channel.force_n[elements]
+        self.force = channel.force_n[elements] + channel.force_change_n[elements]
         self.frames, self.gap = np.zeros((a, 3, 3)), np.zeros((a, 3))
         self.beams, self.columns, self.points = np.zeros(a, np.int64), np.zeros((a, 3, 12)), np.zeros((a, 3))
         self.slide = np.zeros(2)
