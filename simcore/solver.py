@@ -23,6 +23,7 @@ from simcore.coupling import (
     constraint_geometry,
     frame_along,
     local_compliance,
+    move_nodes,
     moved_shaft,
     needle_residual,
     needle_right_sides,
@@ -388,8 +389,7 @@ class Coupled:
         with np.errstate(over="ignore", invalid="ignore"):  # a diverging step is named when it is evaluated
             full[self.elements] = change
             step += full.ravel() @ columns
-        free = self.tissue.unknown >= 0
-        self.bodies.x[free] += step.reshape(-1, 3)[self.tissue.unknown[free]]
+        move_nodes(self.tissue.unknown, step, self.bodies.x)
 
     def base_wrench(self) -> Vector:
         """(6,) N, N m of the robot on the needle's base, at the last evaluated state."""
