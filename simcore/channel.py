@@ -66,6 +66,7 @@ class Channel:
     depth_m: Vector  # (P,) rest depth S along the channel; element 0: its whole length
     arc_m: Vector  # (P,) needle arc length s at the last converged step
     force_n: Vector  # (P, 3) of the needle on the tissue, world
+    force_change_n: Vector  # (P, 3) in the last step
     mode: Indices  # (P,) last position on the axial staircase (see `contact_laws`)
     created: Flags  # (P,) constrains since X_c is far enough ahead
     active: Flags  # (P,) constrains now: the needle reaches it
@@ -85,6 +86,7 @@ class Channel:
             depth_m=np.zeros(p),
             arc_m=np.zeros(p),
             force_n=np.zeros((p, 3)),
+            force_change_n=np.zeros((p, 3)),
             mode=np.ones(p, np.int64),
             created=np.zeros(p, np.bool_),
             active=np.zeros(p, np.bool_),
@@ -321,7 +323,7 @@ def refresh_elements(
     end_dropped = channel.arc_m[0] > length + 0.5 * model.spacing_m
     ahead = model.spacing_m * (0.5 if end_dropped else 1.0)
     largest = 0.0
-    for j in range(channel.count):
+    for j in _in_question(channel, length):
         if not channel.active[j]:
             place = channel.position(model, j, x)
             guess = min(channel.arc_m[j], length)
@@ -339,6 +341,12 @@ def refresh_elements(
             channel.active[j] = True
             channel.mode[j] = 1
     return largest
+
+
+def _in_question(channel: Channel, needle_length_m: float) -> Indices:
+    """Elements that the tip may have reached or left: all others stay as they are."""
+    n = channel.count
+    return np.flatnonzero(~channel.active[:n] | (channel.arc_m[:n] > needle_length_m))
 
 
 def _onto_shaft(

@@ -57,7 +57,7 @@ class Compliance:
 
     def sync(self, channel: Channel) -> None:
         """Bring columns and the compliance between points (3P, 3P) m/N up to date with the channel's elements."""
-        stale = [j for j in range(channel.count - 1, -1, -1) if channel.created[j] and self._moved(channel, j)]
+        stale = self._stale(channel)
         for j in stale:
             self._compute_columns(channel, j)
         for j in [*stale, 0]:
@@ -72,10 +72,12 @@ class Compliance:
                 self.between_points,
             )
 
-    def _moved(self, channel: Channel, element: int) -> bool:
-        allowed = TIP_COLUMN_REUSE_M if element == 0 else 0.0
-        distance = np.abs(self.column_rest_m[element] - channel.rest_m[element]).max()
-        return bool(not distance <= allowed)
+    def _stale(self, channel: Channel) -> list[int]:
+        """Created elements that are not where their columns were computed, the channel end last."""
+        n = channel.count
+        moved = np.abs(self.column_rest_m[:n] - channel.rest_m[:n]).max(axis=1)
+        kept = moved <= np.where(np.arange(n) == 0, TIP_COLUMN_REUSE_M, 0.0)
+        return [int(j) for j in np.flatnonzero(channel.created[:n] & ~kept)[::-1]]
 
     def _compute_columns(self, channel: Channel, element: int) -> None:
         right = np.zeros((self.tissue.unknowns, 3), np.float32, order="F")

@@ -208,6 +208,16 @@ def tissue_moves(
 
 
 @kernel
+def move_nodes(unknown: Indices, moves: Single, x: Vector) -> None:
+    """Add to x (n, 3) the moves (unknowns,) of the free nodes."""
+    for node in range(len(unknown)):
+        rank = unknown[node]
+        if rank >= 0:
+            for a in range(3):
+                x[node, a] += moves[3 * rank + a]
+
+
+@kernel
 def local_compliance(elements: Indices, between: Vector, shaft_moves: Vector, frames: Vector, out: Vector) -> None:
     """out (3a, 3a) = N (G_tissue + G_needle) N^T: gap per force in the local frames of both elements.
 

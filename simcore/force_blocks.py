@@ -2,7 +2,8 @@
 
 Same equations as `tissue.elastic_forces`, which is the plain form and the reference in the tests. Three rules keep the
 vectoriser going: one flat array with constant strides, unsigned indices (a negative index would wrap around), and a
-fixed number of Newton iterations on the rotation. The few tetrahedra that need more are finished by the plain form.
+fixed number of Newton iterations on the rotation. What goes from or to the nodes has a loop of its own. The few
+tetrahedra that need more iterations are finished by the plain form.
 """
 
 from __future__ import annotations
@@ -65,6 +66,7 @@ class ForceBlocks:
 @kernel
 def gather_gradients(x: Vector, corners: Indices, gradients: Vector, state: Vector) -> None:
     """Rows F = sum_a (x_a - x_0) (x) grad N_a of each tetrahedron."""
+    edges = np.empty((9, LANES))
     for b in range(len(corners)):
         t, g = corners[b], gradients[b]
         start = b * ROWS * LANES
@@ -73,9 +75,14 @@ def gather_gradients(x: Vector, corners: Indices, gradients: Vector, state: Vect
             n0, n1, n2, n3 = t[0, lane], t[1, lane], t[2, lane], t[3, lane]
             for i in range(3):
                 x0 = x[n0, i]
-                x1, x2, x3 = x[n1, i] - x0, x[n2, i] - x0, x[n3, i] - x0
-                for j in range(3):
-                    f[3 * i + j, lane] = x1 * g[j, lane] + x2 * g[3 + j, lane] + x3 * g[6 + j, lane]
+                edges[i, lane] = x[n1, i] - x0
+                edges[3 + i, lane] = x[n2, i] - x0
+                edges[6 + i, lane] = x[n3, i] - x0
+        for i in range(3):
+            for j in range(3):
+                for lane in range(LANES):
+                    first, second, third = edges[i, lane], edges[3 + i, lane], edges[6 + i, lane]
+                    f[3 * i + j, lane] = first * g[j, lane] + second * g[3 + j, lane] + third * g[6 + j, lane]
 
 
 @inlined
@@ -217,18 +224,21 @@ def finish_rotations(state: Vector, blocks: int, mu: float, lam: float) -> None:
 def scatter_forces(state: Vector, corners: Indices, gradients: Vector, forces: Vector) -> float:
     """forces (n, 3) = sum V P grad N_a, written; returns min det F."""
     forces[:] = 0.0
+    f = np.empty((9, LANES))
     least = np.inf
     for b in range(len(corners)):
         t, g = corners[b], gradients[b]
         start = b * ROWS * LANES
         p = state[start + 18 * LANES : start + 27 * LANES].reshape(9, LANES)
+        for i in range(3):
+            for a in range(3):
+                for lane in range(LANES):
+                    p0, p1, p2 = p[3 * i, lane], p[3 * i + 1, lane], p[3 * i + 2, lane]
+                    f[3 * a + i, lane] = p0 * g[3 * a, lane] + p1 * g[3 * a + 1, lane] + p2 * g[3 * a + 2, lane]
         for lane in range(LANES):
             n0, n1, n2, n3 = t[0, lane], t[1, lane], t[2, lane], t[3, lane]
             for i in range(3):
-                p0, p1, p2 = p[3 * i, lane], p[3 * i + 1, lane], p[3 * i + 2, lane]
-                f1 = p0 * g[0, lane] + p1 * g[1, lane] + p2 * g[2, lane]
-                f2 = p0 * g[3, lane] + p1 * g[4, lane] + p2 * g[5, lane]
-                f3 = p0 * g[6, lane] + p1 * g[7, lane] + p2 * g[8, lane]
+                f1, f2, f3 = f[i, lane], f[3 + i, lane], f[6 + i, lane]
                 forces[n1, i] += f1
                 forces[n2, i] += f2
                 forces[n3, i] += f3

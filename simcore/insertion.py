@@ -24,7 +24,7 @@ from simcore.motion import BreathingMotion
 from simcore.needle import NeedleModel, increments, straight
 from simcore.rotations import exp_map
 from simcore.scenario import Scenario, Solver
-from simcore.solver import Bodies, Coupled, StepReport
+from simcore.solver import Bodies, Coupled, Guess, StepReport
 from simcore.tissue import TissueModel
 
 Vector = NDArray[np.float64]
@@ -111,12 +111,7 @@ class Insertion:
 
         A contact that reaches the puncture force is opened and the same step is solved again, inside.
         """
-        channel = state.channel.copy()
-        bodies, report = self._solve(state, channel, base)
-        if report.status is Status.COMPLETED and self._punctures():
-            channel = state.channel.copy()
-            puncture(channel, self.channel_model)
-            bodies, report = self._solve(state, channel, base)
+        channel, bodies, report = self.solve(state, base)
         if report.status is Status.COMPLETED:
             channel = channel.copy()  # the solved problem keeps the channel that it was solved with
             report = self._settle(channel, bodies, report)
@@ -131,6 +126,21 @@ class Insertion:
             state.steps + 1,
         )
         return self._last
+
+    def solve(
+        self, state: InsertionState, base: Pose, guess: Guess | None = None
+    ) -> tuple[Channel, Bodies, StepReport]:
+        """The first half of `step`: the new equilibrium, its channel not yet cut further; opened if it was punctured.
+
+        guess: where the solver begins, for a channel that is open already; None = where the last step leads to.
+        """
+        channel = state.channel.copy()
+        bodies, report = self._solve(state, channel, base, guess)
+        if report.status is Status.COMPLETED and self._punctures():
+            channel = state.channel.copy()
+            puncture(channel, self.channel_model)
+            bodies, report = self._solve(state, channel, base)
+        return channel, bodies, report
 
     def twin(self, solver: Solver) -> Insertion:
         """The same model with work arrays of its own and another solver tolerance: steps of it leave this one alone."""
@@ -163,9 +173,11 @@ class Insertion:
         pieces = int(np.ceil(path.length_m / PATH_POINTS_APART_M))
         return self.tissue.mesh.material(path.point(np.linspace(0.0, path.length_m, pieces + 1)))
 
-    def _solve(self, state: InsertionState, channel: Channel, base: Pose) -> tuple[Bodies, StepReport]:
+    def _solve(
+        self, state: InsertionState, channel: Channel, base: Pose, guess: Guess | None = None
+    ) -> tuple[Bodies, StepReport]:
         shift = self.motion.shift_m((state.steps + 1) * self.scenario.dt_s) if self.motion else None
-        bodies, report = self.coupled.solve(state.bodies, channel, base.position_m, base.rotation, shift)
+        bodies, report = self.coupled.solve(state.bodies, channel, base.position_m, base.rotation, shift, guess)
         bodies.v = (bodies.x - state.bodies.x) / self.scenario.dt_s
         old = state.bodies
         bodies.needle_move = increments(old.needle_x, old.needle_R, bodies.needle_x, bodies.needle_R)
@@ -177,6 +189,8 @@ class Insertion:
     def _settle(self, channel: Channel, bodies: Bodies, report: StepReport) -> StepReport:
         """After convergence: store forces and arc lengths, cut, create, drop and take up elements."""
         c, model, tip = self.coupled, self.channel_model, bodies.needle_x[-1]
+        channel.force_change_n[:] = 0.0
+        channel.force_change_n[c.elements] = c.force - channel.force_n[c.elements]
         channel.force_n[c.elements] = c.force
         channel.mode[c.elements] = c.mode
         if channel.phase is Phase.CONTACT:

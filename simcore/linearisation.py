@@ -19,6 +19,7 @@ from simcore.coupling import frame_along, moved_shaft, to_local
 from simcore.insertion import Insertion, InsertionState
 from simcore.needle import solve_blocks
 from simcore.shaft import shaft_columns, shaft_frame
+from simcore.solver import Coupled
 
 Vector = NDArray[np.float64]
 
@@ -50,29 +51,34 @@ def lateral_offset(insertion: Insertion, state: InsertionState, point_m: Vector)
 
 def linearise(insertion: Insertion, state: InsertionState) -> Linearisation:
     """Differentiate the step that led to `state`, the one that was solved last."""
-    c, n = insertion.solved(state), insertion.needle
-    w, per_force = c.linear_response()
-    spin = np.eye(6)
-    free = np.zeros((n.elements, 6, 6))
-    free[0] = -c.lower[0]
-    solve_blocks(*c.needle_factor, c.upper[1:], free)
-    if len(c.elements):
-        shaft = np.empty((len(c.elements), 3, 6))
-        moved_shaft(c.beams, c.columns, spin, free, shaft)
-        free -= per_force @ _force_response(insertion, w, shaft)
+    free, _ = base_response(insertion.solved(state))
     offset, frame, beam, h = lateral_offset(insertion, state, insertion.entry_m)
     if state.inserted_m == 0.0:
         return Linearisation(free[-1, :3], None, offset)
     row, beams = np.empty((1, 3, 12)), np.array([beam])
     shaft_columns(state.bodies.needle_R, beam, h, row[0])
     passing = np.empty((1, 3, 6))
-    moved_shaft(beams, row, spin, free, passing)
+    moved_shaft(beams, row, np.eye(6), free, passing)
     return Linearisation(free[-1, :3], frame[:2] @ passing[0], offset)
 
 
-def _force_response(insertion: Insertion, w: Vector, shaft_moves: Vector) -> Vector:
+def base_response(c: Coupled) -> tuple[Vector, Vector]:
+    """Moves (n, 6, 6) of the needle's free nodes and changes (3a, 6) N, world, of the constraint forces, per move of
+    the base: about the last evaluated state, with every mode as it is."""
+    w, per_force = c.linear_response()
+    free = np.zeros((c.needle.elements, 6, 6))
+    free[0] = -c.lower[0]
+    solve_blocks(*c.needle_factor, c.upper[1:], free)
+    if not len(c.elements):
+        return free, np.zeros((0, 6))
+    shaft = np.empty((len(c.elements), 3, 6))
+    moved_shaft(c.beams, c.columns, np.eye(6), free, shaft)
+    change = _force_response(c, w, shaft)
+    return free - per_force @ change, change
+
+
+def _force_response(c: Coupled, w: Vector, shaft_moves: Vector) -> Vector:
     """(3a, 6) N per base move, world: change of the constraint forces when the shaft moves and every mode stays."""
-    c = insertion.coupled
     a = len(c.elements)
     force = to_local(c.frames, c.force)
     matrix, right = np.empty((3 * a, 3 * a)), np.empty(3 * a)

@@ -23,6 +23,7 @@ from simcore.coupling import (
     constraint_geometry,
     frame_along,
     local_compliance,
+    move_nodes,
     moved_shaft,
     needle_residual,
     needle_right_sides,
@@ -75,6 +76,19 @@ class Bodies:
         return Bodies(self.x.copy(), self.v.copy(), self.needle_x.copy(), self.needle_R.copy(), self.needle_move.copy())
 
 
+@dataclass
+class Guess:
+    """Where a try begins: bodies, which it moves; forces (a, 3) N, world, and modes (a,) of the active elements."""
+
+    bodies: Bodies
+    force_n: Vector
+    mode: Indices
+
+    def copy(self) -> Guess:
+        """An independent copy."""
+        return Guess(self.bodies.copy(), self.force_n.copy(), self.mode.copy())
+
+
 class Coupled:
     """The coupled problem of one step, with its work arrays: residuals, geometry, condensed solve."""
 
@@ -105,18 +119,26 @@ class Coupled:
     # -- one step -----------------------------------------------------------------------------------------------------
 
     def solve(
-        self, start: Bodies, channel: Channel, position: Vector, rotation: Vector, held_shift_m: Vector | None = None
+        self,
+        start: Bodies,
+        channel: Channel,
+        position: Vector,
+        rotation: Vector,
+        held_shift_m: Vector | None = None,
+        guess: Guess | None = None,
     ) -> tuple[Bodies, StepReport]:
         """Move the base to (position (3,) m, rotation (3, 3)) and find the new equilibrium; `channel` gets its forces.
 
-        `start` is not changed. The first try continues the last step's motion with the kept factor; where it fails, a
-        second one begins at `start` with a new factor. The base's difference from the first iterate is handed to the
-        first correction as a prescribed displacement. held_shift_m: (3,) m, world, displacement of the
-        held nodes from the reference shape at the end of the step; None = they stay.
+        `start` is not changed. The first try continues the last step's motion and its change of forces, or begins at
+        `guess`, with the kept factor; where it fails, a second one begins at `start` with a new factor. The base's
+        difference from the first iterate is handed to the first correction as a prescribed displacement.
+        held_shift_m: (3,) m, world, displacement of the held nodes from the reference shape at the end of the step;
+        None = they stay.
         """
         self.start, self.channel = start, channel
         goal = (position, rotation, held_shift_m)
-        bodies, report = self._attempt(self._extrapolated(start), goal, min(FIRST_TRY, self.solver.max_iterations))
+        first = self._extrapolated() if guess is None else guess
+        bodies, report = self._attempt(first, goal, min(FIRST_TRY, self.solver.max_iterations))
         if report.status in (Status.COMPLETED, Status.INVERTED) or report.iterations >= self.solver.max_iterations:
             return bodies, report
         try:
@@ -124,7 +146,9 @@ class Coupled:
         except NotPositiveDefinite as error:
             return bodies, replace(report, status=Status.NOT_POSITIVE_DEFINITE, message=str(error))
         left = self.solver.max_iterations - report.iterations
-        bodies, again = self._attempt(start.copy(), goal, left)
+        elements = channel.active_elements()
+        again_from = Guess(start.copy(), channel.force_n[elements], channel.mode[elements])
+        bodies, again = self._attempt(again_from, goal, left)
         return bodies, replace(again, iterations=again.iterations + report.iterations, refactored=1)
 
     def _renew_factor(self) -> None:
@@ -133,15 +157,15 @@ class Coupled:
         self.compliance.refactor(self.blocks.rotations())
 
     def _attempt(
-        self, bodies: Bodies, goal: tuple[Vector, Vector, Vector | None], allowed: int
+        self, first: Guess, goal: tuple[Vector, Vector, Vector | None], allowed: int
     ) -> tuple[Bodies, StepReport]:
-        """Iterate from `bodies`, which are moved, until converged or `allowed` corrections were made."""
+        """Iterate from `first`, whose bodies are moved, until converged or `allowed` corrections were made."""
         position, rotation, held_shift_m = goal
-        self.bodies = bodies
+        self.bodies = bodies = first.bodies
         if held_shift_m is not None:
             self._move_held(bodies.x, held_shift_m)
         self.base_gap = np.concatenate([position - bodies.needle_x[0], log_map(rotation @ bodies.needle_R[0].T)])
-        self._begin(self.channel)
+        self._begin(self.channel, first)
         for iteration in range(allowed + 1):
             residual, violation, law = self._evaluate()
             report = StepReport(Status.COMPLETED, "", iteration, residual, violation, self.min_det_f, 0)
@@ -158,11 +182,12 @@ class Coupled:
         )
         return bodies, replace(report, status=Status.NOT_CONVERGED, message=message)
 
-    def _extrapolated(self, start: Bodies) -> Bodies:
-        bodies = start.copy()
-        bodies.x += self.dt_s * start.v
+    def _extrapolated(self) -> Guess:
+        """As much further as in the last step."""
+        bodies, channel, elements = self.start.copy(), self.channel, self.channel.active_elements()
+        bodies.x += self.dt_s * bodies.v
         advance(bodies.needle_x, bodies.needle_R, bodies.needle_move)
-        return bodies
+        return Guess(bodies, channel.force_n[elements] + channel.force_change_n[elements], channel.mode[elements])
 
     def _move_held(self, x: Vector, shift_m: Vector) -> None:
         """Put the held nodes exactly where they are prescribed; in the first iterate all others go along with them."""
@@ -186,12 +211,12 @@ class Coupled:
 
     # -- the parts of an iteration ------------------------------------------------------------------------------------
 
-    def _begin(self, channel: Channel) -> None:
+    def _begin(self, channel: Channel, first: Guess) -> None:
         """Fix the active elements and their staircases for this step."""
         self.contact = channel.phase is Phase.CONTACT
         self.elements = elements = channel.active_elements()
         a = len(elements)
-        self.mode = channel.mode[elements]
+        self.mode, self.force = first.mode.copy(), first.force_n
         self.steps, self.breaks = np.zeros(a, np.int64), np.zeros((a, 2))
         self.sign, self.extra = np.zeros((a, 3)), np.zeros((a, 3))
         staircases(
@@ -209,7 +234,6 @@ class Coupled:
         )
         self.arc, self.speed = channel.arc_m[elements], np.ones(a)
         self.all_arcs = channel.arc_m.copy()
-        self.force = channel.force_n[elements]
         self.frames, self.gap = np.zeros((a, 3, 3)), np.zeros((a, 3))
         self.beams, self.columns, self.points = np.zeros(a, np.int64), np.zeros((a, 3, 12)), np.zeros((a, 3))
         self.slide = np.zeros(2)
@@ -365,8 +389,7 @@ class Coupled:
         with np.errstate(over="ignore", invalid="ignore"):  # a diverging step is named when it is evaluated
             full[self.elements] = change
             step += full.ravel() @ columns
-        free = self.tissue.unknown >= 0
-        self.bodies.x[free] += step.reshape(-1, 3)[self.tissue.unknown[free]]
+        move_nodes(self.tissue.unknown, step, self.bodies.x)
 
     def base_wrench(self) -> Vector:
         """(6,) N, N m of the robot on the needle's base, at the last evaluated state."""
