@@ -7,7 +7,7 @@ BIN := .venv/$(if $(filter Windows_NT,$(OS)),Scripts,bin)
 UV ?= $(firstword $(wildcard $(BIN)/uv) uv)
 ARGS ?=
 
-.PHONY: help run env check test test-fast verification lock image clean
+.PHONY: help run env check test test-fast verification models lock image clean
 
 help:  ## this list
 	@awk -F ':.*## ' '/^[a-z-]+:.*## / { printf "  make %-12s %s\n", $$1, $$2 }' Makefile
@@ -32,6 +32,12 @@ test-fast: check  ## the same without the slow tests
 verification: env  ## run the physics tests and write benchmarks/results/verification.md (SOURCE_DATE=... for its header)
 	SOURCE_DATE="$${SOURCE_DATE:-$$(date -u +%Y-%m-%d)}" \
 	$(BIN)/python -m pytest tests/simcore --verification benchmarks/results/verification.md $(ARGS)
+
+models: env  ## run the training insertions and train the models that come along, in simcore/models (half an hour and more)
+	$(BIN)/needlebench dataset --out out/models/data.npz --force
+	$(BIN)/needlebench train --data out/models/data.npz --kind elm --out simcore/models/elm.json --force
+	$(BIN)/needlebench train --data out/models/data.npz --kind linear --out simcore/models/linear.json --force
+	$(BIN)/needlebench train --data out/models/data.npz --kind mlp --out simcore/models/mlp.json --force
 
 lock: env  ## write requirements.lock anew from pyproject.toml (needs uv; ARGS=--upgrade for the newest versions)
 	@command -v $(UV) >/dev/null || { echo "make lock needs uv: pipx install uv"; exit 1; }

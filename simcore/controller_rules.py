@@ -13,6 +13,7 @@ if TYPE_CHECKING:
     from simcore.scenario import Scenario
 
 COMPARED = ("tissue", "needle", "interaction")
+NAMES = ("mesh_file",)  # of files, which their digests tell apart
 
 
 def with_model_digest(controller: Controller) -> Controller:
@@ -56,7 +57,8 @@ def _block_differences(s: Scenario, trained: dict[str, Any]) -> list[tuple[str, 
         if name == "motion":
             value, before = value["kind"], (before or {}).get("kind", "none")
         if isinstance(value, dict) and isinstance(before, dict):
-            found += [(f"{name}.{key}", v, f"at {before[key]}") for key, v in value.items() if before.get(key, v) != v]
+            changed = {key: v for key, v in value.items() if key not in NAMES and before.get(key, v) != v}
+            found += [(f"{name}.{key}", v, f"at {before[key]}") for key, v in changed.items()]
         elif before is not None and value != before:
             found.append((name, value, f"at {before}"))
     return found

@@ -81,9 +81,7 @@ def controllers(draw: st.DrawFn) -> Json:
             "kind": kind,
             "depth_mm": draw(between(1.0, 1000.0)),
             "gain": draw(between(0.0, 2.0)),
-            "rcm_gain": draw(between(0.0, 2.0)),
             "damping": draw(between(1e-4, 10.0)),
-            "lever_arm_mm": draw(between(1.0, 1000.0)),
             "model": draw(separate_models()),
         }
     if kind == "replay":

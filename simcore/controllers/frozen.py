@@ -1,4 +1,4 @@
-"""Visual servoing with a frozen Jacobian: T = X - J^+ (k o e), J^+ computed once and kept (Chaumette and Hutchinson
+"""Visual servoing with a frozen Jacobian: T = P + J^+ (k e_p), J^+ computed once and kept (Chaumette and Hutchinson
 2006, constant interaction matrix). What I-FEM gains by linearising anew at every step is the distance to this."""
 
 from __future__ import annotations
@@ -9,10 +9,11 @@ from numpy.typing import NDArray
 from simcore.controllers.base import Observation
 from simcore.controllers.ifem import damped_inverse
 from simcore.controllers.model import model_scenario
+from simcore.controllers.remote_centre import pose_through
 from simcore.errors import ModelFailure, Status
 from simcore.insertion import Insertion, Pose
-from simcore.linearisation import lateral_offset, linearise
-from simcore.rotations import exp_map
+from simcore.linearisation import linearise
+from simcore.rotations import skew
 from simcore.scenario import FrozenJacobian, Scenario
 
 Vector = NDArray[np.float64]
@@ -21,42 +22,32 @@ STEP_M = 0.5e-3  # advance of the own insertion: quasi-static, its end does not 
 
 
 class FrozenJacobianController:
-    """J is that of an insertion of its own, pushed straight along the path's first tangent to one depth.
-
-    The tip error is observed; the remote-centre error is that of the base's axis, all that is known without a model.
-    """
+    """J (3, 3) is the tip's response to the base's position in an insertion of its own, pushed straight along the
+    path's first tangent to one depth; the base's axis passes through the entry, there as here."""
 
     limited = True
 
     def __init__(self, settings: FrozenJacobian, scenario: Scenario, entry_m: Vector) -> None:
-        self.settings, self.entry_m = settings, entry_m
-        lever = settings.lever_arm_mm * 1e-3
-        self.scale = np.array([1.0, 1.0, 1.0, lever, lever, lever])
+        self.entry_m = entry_m
         self.failure: ModelFailure | None = None
         try:
-            tip, passing, self.frame = straight_jacobian(settings, scenario)
+            jacobian = straight_jacobian(settings, scenario)
         except ModelFailure as failure:
             self.failure = failure  # of the run and not of its preparation: the first command tells it
             return
-        rows = -tip if settings.rcm_gain == 0.0 else np.vstack([-tip, passing])
-        self.inverse = damped_inverse(rows / self.scale, settings.damping)
+        self.inverse = settings.gain * damped_inverse(jacobian, settings.damping)
 
     def command(self, observation: Observation) -> Pose:
-        """One step down the observed errors along the kept directions. Raises ModelFailure if there are none."""
+        """One step down the observed error along the kept directions. Raises ModelFailure if there are none."""
         if self.failure is not None:
             raise self.failure
         base = observation.base
-        error = self.settings.gain * (observation.target_m - observation.tip_m)
-        if self.settings.rcm_gain != 0.0:
-            away = base.position_m - self.entry_m
-            away = away - (away @ base.rotation[:, 2]) * base.rotation[:, 2]
-            error = np.concatenate([error, self.settings.rcm_gain * (self.frame @ away)])
-        twist = -(self.inverse @ error) / self.scale
-        return Pose(base.position_m + twist[:3], exp_map(twist[3:]) @ base.rotation)
+        move = self.inverse @ (observation.target_m - observation.tip_m)
+        return pose_through(self.entry_m, base.position_m + move, base.rotation)
 
 
-def straight_jacobian(settings: FrozenJacobian, scenario: Scenario) -> tuple[Vector, Vector, Vector]:
-    """Of a straight insertion: tip rows (3, 6), remote-centre rows (2, 6), the two lateral directions (2, 3), world.
+def straight_jacobian(settings: FrozenJacobian, scenario: Scenario) -> Vector:
+    """(3, 3) d tip / d base position at the end of a straight insertion, the base's axis kept through the entry.
 
     Raises ModelFailure when the insertion does not converge.
     """
@@ -70,8 +61,7 @@ def straight_jacobian(settings: FrozenJacobian, scenario: Scenario) -> tuple[Vec
         state = insertion.step(state, Pose(first.position_m + advance_m * tangent, first.rotation))
         if state.report.status is not Status.COMPLETED:
             raise ModelFailure(state.report.status, f"insertion for the frozen Jacobian: {state.report.message}")
-    response = linearise(insertion, state)
-    if response.rcm is None:
-        message = f"insertion for the frozen Jacobian: not punctured at {1e3 * depth_m:g} mm"
-        raise ModelFailure(Status.NOT_CONVERGED, message)
-    return response.tip, response.rcm, lateral_offset(insertion, state, insertion.entry_m)[1][:2]
+    tip = linearise(insertion, state).tip
+    reach_m = float(np.linalg.norm(insertion.entry_m - state.base.position_m))
+    following: Vector = tip[:, :3] - tip[:, 3:] @ skew(tangent) / reach_m
+    return following

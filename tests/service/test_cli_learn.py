@@ -23,7 +23,7 @@ from service.local_many import Kept
 from simcore.dataset import VARIABLES, load_dataset
 from simcore.learning import parse_model
 
-COARSE = ("--set", "tissue.element_size_mm=12", "--set", "dt_s=0.1", "--set", "trajectory.speed_mm_s=20")
+COARSE = ("--set", "tissue.element_size_mm=12", "--set", "dt_s=0.05")
 
 
 def invoke(*arguments: str | Path) -> Result:
@@ -97,30 +97,30 @@ def test_what_was_kept_is_found_again_and_only_that(tmp_path: Path) -> None:
 
 @pytest.mark.slow
 def test_real_insertions_a_model_of_them_and_a_run_by_it(tmp_path: Path) -> None:
-    """Two workers; the same insertions in one process give the same bits; a linear model of them steers."""
+    """Two workers; the same insertions in one process give the same bits; an ELM of them steers."""
     from simcore.dataset import table_one
     from simcore.rollout import run
     from simcore.scenario import Scenario
 
-    done = invoke("dataset", "--out", tmp_path / "data.npz", "--insertions", 3, *COARSE)
+    done = invoke("dataset", "--out", tmp_path / "data.npz", "--insertions", 15, *COARSE)
     assert done.exit_code == 0, done.output
     found = load_dataset(tmp_path / "data.npz")
-    middle = cases(insertions=3, seed=0, changes=found_changes())[1]
+    middle = cases(insertions=15, seed=0, changes=coarse_changes())[1]
     here = run(Scenario.load(middle.scenario))
     assert found.provenance["insertions"][1]["digest"] == here.digest
     np.testing.assert_array_equal(
         found.variables["base_step_m"][found.trajectory == 1], table_one(here.series)["base_step_m"]
     )
-    model = tmp_path / "linear.json"
-    assert invoke("train", "--data", tmp_path / "data.npz", "--out", model, "--kind", "linear").exit_code == 0
-    path = {"kind": "line", "target_mm": [20, 33, 60], "speed_mm_s": 20.0}
+    model = tmp_path / "elm.json"
+    assert invoke("train", "--data", tmp_path / "data.npz", "--out", model).exit_code == 0
+    path = {"kind": "line", "target_mm": [20, 33, 60]}
     steered = {**middle.scenario, "noise_mm": 0.0, "trajectory": path}
-    steered["controller"] = {"kind": "linear", "model": str(model)}
+    steered["controller"] = {"kind": "elm", "model": str(model)}
     assert run(Scenario.load(steered)).metrics["rmse_mm"] < 1.0
 
 
-def found_changes() -> dict[str, object]:
-    return {"tissue": {"element_size_mm": 12}, "dt_s": 0.1, "trajectory": {"speed_mm_s": 20}}
+def coarse_changes() -> dict[str, object]:
+    return {"tissue": {"element_size_mm": 12}, "dt_s": 0.05}
 
 
 @pytest.mark.slow
@@ -141,8 +141,19 @@ def test_an_interrupted_run_leaves_its_parts_and_no_process(tmp_path: Path) -> N
     assert "Traceback" not in told
     assert list(parts.glob("*.npz"))
     assert not (tmp_path / "data.npz").exists()
-    with pytest.raises(ProcessLookupError):
-        os.killpg(running.pid, 0)
+    assert gone(running.pid, within_s=20)
+
+
+def gone(group: int, *, within_s: float) -> bool:
+    """Whether no process of the group is left."""
+    end = time.monotonic() + within_s
+    while time.monotonic() < end:
+        try:
+            os.killpg(group, 0)
+        except ProcessLookupError:
+            return True
+        time.sleep(0.1)
+    return False
 
 
 # ---- train
