@@ -45,7 +45,7 @@ def box_panels(report: Json, young: str, noise: str, *, arms: Sequence[str] | No
 
 
 def _count(score: Json) -> str:
-    return f"{score['insertions']}, {score['failed']} failed" if score["failed"] else f"n = {score['insertions']}"
+    return f"{score['failed']} of {score['insertions']} failed" if score["failed"] else f"n = {score['insertions']}"
 
 
 def _mark(place: int, box: Json, colour: int, beyond: Sequence[float]) -> BoxMark:
@@ -241,7 +241,7 @@ def sensitivity_dots(report: Json) -> list[str]:
 
 
 def _dots(rows: list[Json], values: list[float], group: str, name: str) -> str:
-    left, width, row_height, top = 138, 450, 19, 34
+    left, width, row_height, top = 164, 500, 19, 34
     base = top + row_height * len(rows)
     axis = fitted_axis(values, left, width - 16, log=True)
     parts = [text(left, 18, group, size=13, weight=600)]

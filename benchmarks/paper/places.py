@@ -72,7 +72,7 @@ def border_mm(row: Row) -> float:
 
 def chosen(table: Sequence[Row], *, failed: int = 5) -> list[tuple[str, str]]:
     """(id, why) of the cases worth a recording: best, median and worst stable insertion of each controller in each
-    group under each condition, and its first failures; no id twice."""
+    group under each condition, and the first that failed or lost their target; no id twice."""
     found: dict[str, str] = {}
     main = main_rows(table)
     for condition in conditions(main):
@@ -81,9 +81,14 @@ def chosen(table: Sequence[Row], *, failed: int = 5) -> list[tuple[str, str]]:
             for arm in arms(members):
                 ranked = sorted(only(members, arm=arm), key=lambda row: (row.rmse_mm, row.id))
                 good = [row for row in ranked if row.stable]
-                picks = [("best", 0), ("median", (len(good) - 1) // 2), ("worst", len(good) - 1)] if good else []
+                picks = [("best", 0), ("median", len(good) // 2), ("worst", len(good) - 1)] if good else []
                 for why, place in picks:
                     found.setdefault(good[place].id, why)
-                for row in [row for row in ranked if row.failed][:failed]:
-                    found.setdefault(row.id, "failed")
+                for row in [row for row in ranked if not row.success][:failed]:
+                    found.setdefault(row.id, unsuccessful(row))
     return list(found.items())
+
+
+def unsuccessful(row: Row) -> str:
+    """In a word: the run ended early, or the tip was off the target for too long; empty for a success."""
+    return "failed" if row.failed else "" if row.success else "lost"

@@ -25,7 +25,7 @@ from benchmarks.paper.claims import Findings, claims
 from benchmarks.paper.comparison import as_json
 from benchmarks.paper.figures import conditions, headline
 from benchmarks.paper.page import html
-from benchmarks.paper.places import chosen, face_mm, spots
+from benchmarks.paper.places import chosen, face_mm, spots, unsuccessful
 from benchmarks.paper.records import Outcome
 from benchmarks.paper.studies import LearningPoint, learning_steps, seed_scores, seed_shares, variants
 from benchmarks.paper.table import Row, arm_name, insertions_csv, main_rows, rows
@@ -118,10 +118,12 @@ def _seed_boxes(seeds: Sequence[Any]) -> Json:
 
 
 def _recordings(table: Sequence[Row], links: Mapping[str, str]) -> list[Json]:
-    """The chosen cases, each with its link if it was recorded."""
+    """The chosen cases, each with its link if it was recorded, then all other recorded ones."""
     known = {row.id: row for row in table}
+    reasons = dict(chosen(table))
+    reasons |= {name: unsuccessful(known[name]) or "another" for name in sorted(links.keys() & known.keys() - reasons)}
     found = []
-    for case_id, why in chosen(table):
+    for case_id, why in reasons.items():
         row = known[case_id]
         named = {name: getattr(row, name) for name in ("id", "group", "arm", "young", "noise", "status", "digest")}
         error = row.metrics.get("max_error_mm")
@@ -163,15 +165,18 @@ def _put(path: Path, content: bytes) -> None:
 
 
 def main_table_markdown(report: Json) -> str:
-    """The main table as Markdown: the primary condition, a row for each group and controller."""
+    """The main table as Markdown: the primary condition, a row for each group and controller. floor: there
+    controllers without feedback are as good, and precision says nothing."""
     primary = next(iter(conditions(report)), None)
     head = "| paths | controller | insertions | S | median RMSE mm (quartiles) | largest RMSE mm | max error <= 1 mm "
     lines = [f"{head}| ratio to open loop |", "| --- | --- | ---: | ---: | ---: | ---: | ---: | ---: |"]
+    floors = {(c["group"], c["young"], c["noise"]) for c in report["contrasts"] if c["floor"]}
     before = ""
     for score in report["scores"]:
         if (score["young"], score["noise"]) != primary:
             continue
-        group = score["group"] if score["group"] != before else ""
+        marked = " (floor)" if (score["group"], score["young"], score["noise"]) in floors else ""
+        group = f"{score['group']}{marked}" if score["group"] != before else ""
         before = score["group"]
         spread = f"{_number(score['median_mm'])} ({_number(score['q1_mm'])} to {_number(score['q3_mm'])})"
         cells = (
@@ -182,7 +187,7 @@ def main_table_markdown(report: Json) -> str:
             spread,
             _number(score["max_mm"]),
             f"{100 * score['within_1mm']:.4g} %",
-            _number(score["ratio"], "-"),
+            _number(score["ratio"]) if score["ratio_pairs"] else "-",
         )
         lines.append(f"| {' | '.join(cells)} |")
     return "\n".join(lines) + "\n"

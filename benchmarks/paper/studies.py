@@ -118,8 +118,9 @@ def learning_steps(points: Sequence[LearningPoint]) -> list[LearningStep]:
 
 @dataclass(frozen=True)
 class Variant:
-    """One parameter at one value, in one group. Medians in mm, nan where a controller did not run; difference = ELM -
-    I-FEM. nominal: controllers whose figures are those of the nominal run, because the parameter is not theirs."""
+    """One parameter at one value, in one group. Medians in mm; difference = ELM - I-FEM. better: the more precise of
+    the two, empty if neither is. ran: controllers that have a figure, be it a failure. nominal: those whose figures are
+    of the nominal run, because the parameter is not theirs."""
 
     parameter: str
     value: str
@@ -131,6 +132,8 @@ class Variant:
     open_loop_mm: float
     difference_mm: float
     p: float
+    better: str
+    ran: tuple[str, ...]
     nominal: tuple[str, ...]
 
 
@@ -163,6 +166,7 @@ def _variant(parameter: str, value: str, group: str, mine: list[Row], nominal: l
             members[arm] = standing
             borrowed.append(arm)
     compared = compare(members["elm"], members["ifem"], group=group, names=("elm", "ifem"))
+    difference = compared.difference_mm if compared else math.nan
     ifem, elm, open_loop = (statistics.middle([row.rmse_mm for row in rows]) for rows in members.values())
     return Variant(
         parameter=parameter,
@@ -173,7 +177,9 @@ def _variant(parameter: str, value: str, group: str, mine: list[Row], nominal: l
         ifem_mm=ifem,
         elm_mm=elm,
         open_loop_mm=open_loop,
-        difference_mm=compared.difference_mm if compared else math.nan,
+        difference_mm=difference,
         p=compared.p_primary if compared else math.nan,
+        better="elm" if difference < 0.0 else "ifem" if difference > 0.0 else "",
+        ran=tuple(arm for arm, rows in members.items() if rows),
         nominal=tuple(borrowed),
     )

@@ -317,6 +317,9 @@ def test_a_controllers_own_setting_is_held_against_the_nominal_others() -> None:
     assert (gain.elm_mm, gain.open_loop_mm) == (nominal.elm_mm, nominal.open_loop_mm)
     assert gain.ifem_mm != nominal.ifem_mm
     assert gain.insertions == 1
+    assert (gain.better, gain.ran) == ("elm", ("ifem", "elm", "open_loop"))
+    failed = [Outcome(o.case, {}) if o.case.labels["arm"] == "ifem" else o for o in sensitivity()]
+    assert {v.better for v in variants(rows(failed))} == {"elm"}
     assert next(iter(found)) == ("nominal", "defaults", "LIN")
 
 
@@ -335,7 +338,7 @@ def test_chosen_cases_are_best_median_worst_and_failed() -> None:
     table = rows(pair("CUR", [0.3, 0.1, math.inf, 0.2, 0.5], []))
     assert chosen(table) == [
         ("CUR-001-ifem", "best"),
-        ("CUR-003-ifem", "median"),
+        ("CUR-000-ifem", "median"),
         ("CUR-004-ifem", "worst"),
         ("CUR-002-ifem", "failed"),
     ]

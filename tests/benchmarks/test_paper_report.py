@@ -142,6 +142,14 @@ def test_the_page_shows_claims_provenance_and_recordings(page: Page, report: dic
     assert sum(str(attrs["href"]).startswith("recordings/") for attrs in page.of("a")) == len(report["recordings"])
 
 
+def test_other_recorded_cases_are_linked_too() -> None:
+    outcomes = experiments(6)
+    everywhere = {row.id: f"r/{row.id}.rrd" for row in rows(outcomes)}
+    found = document(outcomes, recordings={**everywhere, "unknown": "r/x.rrd"})["recordings"]
+    assert {r["id"] for r in found} == set(everywhere)
+    assert {"best", "median", "worst", "another"} <= {r["why"] for r in found}
+
+
 def test_names_are_escaped() -> None:
     labels = {"group": "<xb>&'\"", "arm": "<xi>", "end_point": "<xu>"}
     outcomes = [outcome("<script>", 0.1, labels), outcome("x", 0.1, {**labels, "arm": "elm"})]
@@ -231,7 +239,7 @@ def test_the_main_table_is_that_of_the_primary_condition(report: dict[str, Any])
         (signed(-0.5), "−0.500"),
         (percent(1.0), "100 %"),
         (percent(0.9812), "98.1 %"),
-        (interval([None, -0.25]), "[–, −0.250]"),
+        (interval([None, -0.25]), "[failed, −0.250]"),
         (p_value(3e-7), "< 0.0001"),
         (p_value(0.0042), "0.0042"),
         (p_value(0.5), "0.50"),
