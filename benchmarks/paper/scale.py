@@ -43,7 +43,8 @@ class Scale(BaseModel):
     baselines: Count = Field(0, description="end points of the learned baselines, LIN and CUR")
     seed_paths: Count = Field(5, description="paths on which every ELM seed is run")
     timing: int = Field(2, ge=1, le=20, description="paths of the one-worker timing pass")
-    sensitivity: Count = Field(1, description="end points of each variation of the sensitivity study, LIN and CUR")
+    sensitivity_lin: Count = Field(1, description="straight paths of each variation of the sensitivity study")
+    sensitivity_cur: Count = Field(1, description="curved paths of each variation, one direction an end point")
     curve_nodes: tuple[Positive, ...] = Field(
         (5, 10, 15, 25, 50, 100, 200), max_length=20, description="node counts of the learning curve"
     )
@@ -74,7 +75,7 @@ SCALES = {
         baselines=1,
         seed_paths=2,
         timing=1,
-        sensitivity=1,
+        sensitivity_lin=0,
         curve_nodes=(5, 25, 100),
         curve_samples=(100, 1000, 3000),
         recordings=1,
@@ -105,7 +106,8 @@ SCALES = {
         baselines=100,
         seed_paths=25,
         timing=5,
-        sensitivity=10,
+        sensitivity_lin=10,
+        sensitivity_cur=10,
     ),
 }
 SCALE_TEXT = {

@@ -188,7 +188,7 @@ def paper_cases(scale: Scale, models: Models) -> list[Case]:
 
 def sensitivity_cases(scale: Scale, models: Models) -> list[Case]:
     """Each open parameter moved alone, along the same few paths as the nominal values."""
-    paths = [*straight(scale.sensitivity), *curved(scale.sensitivity, 1)]
+    paths = [*straight(scale.sensitivity_lin), *curved(scale.sensitivity_cur, 1)]
     cases = []
     for variation in VARIATIONS:
         arms = ("ifem",) if variation.ifem_only else (*STEERED, "open_loop")
