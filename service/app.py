@@ -12,6 +12,7 @@ from fastapi import FastAPI
 from service import api, events, openapi, page, problems, results, system
 from service.core import Service
 from service.guard import BodyLimit, HostGuard, KeyGuard
+from service.request_log import RequestLog
 from service.settings import Settings
 from service.version import installed_version
 
@@ -47,6 +48,7 @@ def create_app(service: Service) -> FastAPI:
     for part in (api, events, results, system, page):
         app.include_router(part.router)
     _guard(app, service.settings)
+    app.add_middleware(cast(Any, RequestLog), monitor=service.monitor)
     return app
 
 

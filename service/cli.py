@@ -23,6 +23,9 @@ _COMMANDS = {  # name -> (module, what it does); the order is that of the help
     "jobs": ("cli_service", "List the jobs of a service."),
     "show": ("cli_service", "Show one job of a service."),
     "cancel": ("cli_service", "Cancel a job of a service."),
+    "retry": ("cli_service", "Run a job of a service again that failed or was cancelled."),
+    "recording": ("cli_recording", "Open or fetch the recording of a job."),
+    "verify": ("cli_verify", "Run a result again: does the same come out?"),
     "bench": ("cli_bench", "Measure speed and convergence, or compare two measurements."),
 }
 _EPILOG = """

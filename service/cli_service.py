@@ -1,4 +1,4 @@
-"""The commands that start a service or talk to one: serve, submit, demo, jobs, show, cancel."""
+"""The commands that start a service or talk to one: serve, submit, demo, jobs, show, cancel, retry."""
 
 from __future__ import annotations
 
@@ -94,7 +94,7 @@ def submit(
     """
     from service.follow import exit_code, follow
 
-    with _client(url) as client:
+    with client_of(url) as client:
         job = _submitted(client, source, priority, timeout_s)
         click.echo(job.id)
         if not wait:
@@ -146,8 +146,8 @@ def jobs(state: str | None, limit: int, as_json: bool, url: str | None) -> None:
     What is going on:         needlebench jobs --state running
     For other programs:       needlebench jobs --limit 1000 --json
     """
-    with _client(url) as client:
-        for job in _asked(lambda: list(client.jobs(state=state, limit=limit))):
+    with client_of(url) as client:
+        for job in asked(lambda: list(client.jobs(state=state, limit=limit))):
             click.echo(json.dumps(job.raw) if as_json else _line(job))
 
 
@@ -160,8 +160,8 @@ def show(job_id: str, url: str | None) -> None:
     \b
     Metrics only:             needlebench show JOB | jq .metrics
     """
-    with _client(url) as client:
-        click.echo(json.dumps(dict(_asked(lambda: client.job(job_id)).raw), indent=2))
+    with client_of(url) as client:
+        click.echo(json.dumps(dict(asked(lambda: client.job(job_id)).raw), indent=2))
 
 
 @click.command()
@@ -174,13 +174,29 @@ def cancel(job_id: str, url: str | None) -> None:
     The running ones:         needlebench jobs --state running
     One of them:              needlebench cancel JOB
     """
-    with _client(url) as client:
-        _asked(lambda: client.cancel(job_id))
+    with client_of(url) as client:
+        asked(lambda: client.cancel(job_id))
         job = client.wait(job_id, timeout_s=30)
         click.echo(f"{job.id} {job.state}")
 
 
-def _client(url: str | None) -> Client:
+@click.command()
+@click.argument("job_id", metavar="JOB")
+@_url
+def retry(job_id: str, url: str | None) -> None:
+    """Queue a job again that failed, was cancelled or ran out of time, under the same id.
+
+    \b
+    Which ones:               needlebench jobs --state failed
+    One of them:              needlebench retry JOB
+    """
+    with client_of(url) as client:
+        job = asked(lambda: client.retry(job_id))
+        click.echo(f"{job.id} {job.state}")
+
+
+def client_of(url: str | None) -> Client:
+    """A client of the service at `url`, else of the one that was started last on this machine."""
     from service.client import Client
     from service.server import endpoint
     from service.settings import DEFAULT_HOST, DEFAULT_PORT, data_dir, url_of
@@ -194,10 +210,10 @@ def _submitted(client: Client, source: str, priority: int, timeout_s: float | No
     from service.cli_local import read_source
 
     data = read_source(source)
-    return _asked(lambda: client.submit(data, priority=priority, timeout_s=timeout_s))
+    return asked(lambda: client.submit(data, priority=priority, timeout_s=timeout_s))
 
 
-def _asked(question: Callable[[], Answer]) -> Answer:
+def asked(question: Callable[[], Answer]) -> Answer:
     """The answer; what the service says about wrong fields becomes bad input."""
     from service.client import ServiceError
     from simcore.errors import ScenarioError

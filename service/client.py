@@ -271,6 +271,14 @@ class Client:
         """Download series.npz (open it with numpy.load). Returns `path`."""
         return self._download(f"/api/v1/jobs/{job_id}/series?format=npz", path)
 
+    def log(self, job_id: str) -> str:
+        """What the job's last attempt logged so far."""
+        return self._request("GET", f"/api/v1/jobs/{job_id}/log").text
+
+    def artefacts(self, job_id: str) -> list[dict[str, Any]]:
+        """The files that the job left: kind, name, bytes, sha256 and url of each."""
+        return list(self._json("GET", f"/api/v1/jobs/{job_id}/artefacts")["items"])
+
     def scenarios(self) -> dict[str, str]:
         """Built-in scenarios: name -> one line on it."""
         found = self._json("GET", "/api/v1/scenarios")["items"]

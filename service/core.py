@@ -10,6 +10,7 @@ from fastapi import Depends, Path, Request
 from service.changes import Changes
 from service.database import open_database
 from service.engine import Engine
+from service.monitor import Monitor
 from service.problems import MEDIA_TYPE, HttpProblem
 from service.schemas import ProblemDetails
 from service.settings import Settings
@@ -24,13 +25,14 @@ class Service:
     store: Store
     engine: Engine
     changes: Changes
+    monitor: Monitor
 
     @classmethod
     def open(cls, settings: Settings) -> Service:
         """The service on its data folder, not yet running. Raises DatabaseTooNew."""
-        changes = Changes()
+        changes, monitor = Changes(), Monitor()
         store = Store(open_database(settings.database), notify=changes.notify)
-        return cls(settings, store, Engine(settings, store), changes)
+        return cls(settings, store, Engine(settings, store, monitor), changes, monitor)
 
     @property
     def closing(self) -> bool:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import logging
 import threading
 
+from service.monitor import Monitor
 from service.settings import Settings
 from service.slot import Signals, Slot
 from service.store import Store
@@ -15,13 +16,13 @@ _log = logging.getLogger("needlebench")
 class Engine:
     """The slots of one data folder. `start` and `stop` once; `poke` when there is something new to do."""
 
-    def __init__(self, settings: Settings, store: Store) -> None:
+    def __init__(self, settings: Settings, store: Store, monitor: Monitor) -> None:
         self._store = store
         self._stopping = threading.Event()
         self._draining = threading.Event()
         self._news = threading.Condition()
         self._slots = [
-            Slot(settings, store, Signals(self._stopping, self._draining, self._news), number)
+            Slot(settings, store, Signals(self._stopping, self._draining, self._news), monitor, number)
             for number in range(settings.workers)
         ]
 

@@ -69,7 +69,7 @@ class Progress(BaseModel):
 
 
 class JobError(BaseModel):
-    """Why a job did not succeed. kind: exception, out_of_memory, worker_died, timed_out."""
+    """Why a job did not succeed. kind: exception, disk, out_of_memory, worker_died, timed_out."""
 
     kind: str
     message: str

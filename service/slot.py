@@ -12,14 +12,16 @@ from concurrent.futures import Future, wait
 from dataclasses import dataclass
 from typing import Any
 
-from sqlalchemy.exc import SQLAlchemyError
+from sqlalchemy.exc import DBAPIError, SQLAlchemyError
 
 from service import pool, progress, worker
 from service.jobs import CANCELLED, FAILED, SUCCEEDED, TIMED_OUT, Artefact, IllegalTransition, Job, Outcome
+from service.logs import ROOT
+from service.monitor import Monitor
 from service.settings import Settings
 from service.store import Store
 
-_log = logging.getLogger("needlebench")
+_log = logging.getLogger(ROOT)
 _TICK_S = 0.1
 _IDLE_S = 0.5
 _FIRST_PAUSE_S, _LONGEST_PAUSE_S = 1.0, 30.0
@@ -46,6 +48,7 @@ class Slot(threading.Thread):
         settings: Settings,
         store: Store,
         signals: Signals,
+        monitor: Monitor,
         number: int,
     ) -> None:
         super().__init__(name=f"slot-{number}", daemon=True)
@@ -53,8 +56,11 @@ class Slot(threading.Thread):
         self._store = store
         self._stopping = signals.stopping
         self._draining = signals.draining
+        self._monitor = monitor
         self._news = signals.news
         self._worker: pool.Worker | None = None
+        self._begun = 0.0
+        self._started_before = False
         self.pid: int | None = None
         self.job_id: str | None = None
         self.problem: str | None = None
@@ -80,7 +86,9 @@ class Slot(threading.Thread):
             return
         job = None if self._draining.is_set() else self._store.claim()
         if job is not None:
-            self.job_id = job.id
+            self.job_id, self._begun = job.id, time.monotonic()
+            self._monitor.started(job)
+            _log.info("job %s: attempt %d begins", job.id, job.attempt, extra=_named(job))
             try:
                 self._see_through(workman, job)
             finally:
@@ -94,6 +102,9 @@ class Slot(threading.Thread):
         if self._worker is not None and self._worker.alive:
             return self._worker
         self._drop_worker()
+        if self._started_before:
+            self._monitor.restarted()
+        self._started_before = True
         self._worker = pool.Worker()
         warming = self._worker.call(pool.warm, self._settings.runner, str(self._settings.data / "warm.lock"))
         while not self._stopping.is_set():
@@ -117,16 +128,17 @@ class Slot(threading.Thread):
             spec = {**(job.spec or {}), "job_id": job.id}
             future = workman.call(worker.execute, self._settings.runner, spec, str(folder))
             outcome = self._watch(workman, job, future)
-        except pool.Lost as loss:
+        except Exception as loss:  # whatever it is, a claimed job must not stay behind without an owner
             self._drop_worker()
-            reason = str(loss)
-            self._settle(lambda: self._store.requeue(job, reason=reason, crashed=True))
+            reason = str(loss) if isinstance(loss, pool.Lost) else f"{type(loss).__name__}: {loss}"
+            _log.warning("job %s, attempt %d: %s", job.id, job.attempt, reason, extra=_named(job))
+            self._settle(job, lambda: self._store.requeue(job, reason=reason, crashed=True))
             return
         if outcome is None:
             self._drop_worker()
-            self._settle(lambda: self._store.requeue(job, reason="the server was stopped", crashed=False))
+            self._settle(job, lambda: self._store.requeue(job, reason="the server was stopped", crashed=False))
         else:
-            self._settle(lambda: self._store.finish(job, outcome))
+            self._settle(job, lambda: self._store.finish(job, outcome))
 
     def _watch(self, workman: pool.Worker, job: Job, future: Future[Any]) -> Outcome | None:
         """Until the attempt ends; None when the engine stops first. Raises Lost when the process died."""
@@ -179,20 +191,27 @@ class Slot(threading.Thread):
     def _files(self, job: Job, described: list[dict[str, Any]]) -> tuple[Artefact, ...]:
         return tuple(Artefact(**file, path=f"{job.folder}/{file['name']}") for file in described)
 
-    def _settle(self, action: Callable[[], object]) -> None:
+    def _settle(self, job: Job, action: Callable[[], Job]) -> None:
         """Bring the end of an attempt into the store, however long the disk is full."""
         pause = _FIRST_PAUSE_S
         while True:
             try:
-                action()
+                now = action()
+                self._monitor.ended(now.state, time.monotonic() - self._begun)
+                _log.info("job %s is %s", job.id, now.state, extra={**_named(job), "state": now.state})
                 break
             except IllegalTransition as error:
-                _log.warning("%s", error)
+                _log.warning("%s", error, extra=_named(job))
                 break
-            except SQLAlchemyError as error:
+            except DBAPIError as error:
                 _log.error("the end of a job cannot be stored, next try in %g s: %s", pause, error)
                 if self._stopping.wait(pause):
                     return  # the next start finds it running and requeues it
                 pause = min(2 * pause, _LONGEST_PAUSE_S)
         with self._news:
             self._news.notify_all()
+
+
+def _named(job: Job) -> dict[str, Any]:
+    """The fields of a log line that say which job it is about."""
+    return {"job": job.id, "attempt": job.attempt}

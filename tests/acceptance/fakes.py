@@ -22,6 +22,7 @@ def run_job(spec: dict[str, Any], artefact_dir: Path) -> dict[str, Any]:
     name = name.removesuffix(" once")
     if name == "deaf":
         signal.signal(signal.SIGTERM, signal.SIG_IGN)
+    print(f"this is {name}")
     (artefact_dir / "pid").write_text(str(os.getpid()))
     if name == "raises":
         raise ValueError("asked to")

@@ -22,6 +22,7 @@ OPERATIONS = {
     "get_metrics": "GET /api/v1/jobs/{job_id}/metrics",
     "get_series": "GET /api/v1/jobs/{job_id}/series",
     "list_artefacts": "GET /api/v1/jobs/{job_id}/artefacts",
+    "get_log": "GET /api/v1/jobs/{job_id}/log",
     "get_artefact": "GET /api/v1/jobs/{job_id}/artefacts/{name}",
     "get_recording": "GET /recordings/{job_id}.rrd",
     "list_scenarios": "GET /api/v1/scenarios",
