@@ -9,9 +9,10 @@ from typing import Any, cast
 import anyio.to_thread
 from fastapi import FastAPI
 
-from service import api, events, openapi, page, problems, results, system
+from service import api, events, openapi, ops, page, problems, results, system
 from service.core import Service
 from service.guard import BodyLimit, HostGuard, KeyGuard
+from service.readiness import readings
 from service.request_log import RequestLog
 from service.settings import Settings
 from service.version import installed_version
@@ -43,9 +44,10 @@ def create_app(service: Service) -> FastAPI:
         redirect_slashes=False,
     )
     app.state.service = service
+    service.monitor.add(lambda: readings(service))
     app.openapi = openapi.document_of(app)  # type: ignore[method-assign]
     problems.install(app)
-    for part in (api, events, results, system, page):
+    for part in (api, events, results, system, ops, page):
         app.include_router(part.router)
     _guard(app, service.settings)
     app.add_middleware(cast(Any, RequestLog), monitor=service.monitor)

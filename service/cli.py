@@ -26,6 +26,8 @@ _COMMANDS = {  # name -> (module, what it does); the order is that of the help
     "retry": ("cli_service", "Run a job of a service again that failed or was cancelled."),
     "recording": ("cli_recording", "Open or fetch the recording of a job."),
     "verify": ("cli_verify", "Run a result again: does the same come out?"),
+    "gc": ("cli_ops", "Clear away old jobs and their files."),
+    "doctor": ("cli_ops", "Check this installation: versions, cache, disk, port, viewer, data folder."),
     "bench": ("cli_bench", "Measure speed and convergence, or compare two measurements."),
 }
 _EPILOG = """

@@ -279,6 +279,11 @@ class Client:
         """The files that the job left: kind, name, bytes, sha256 and url of each."""
         return list(self._json("GET", f"/api/v1/jobs/{job_id}/artefacts")["items"])
 
+    def clear(self, *, dry_run: bool = False, **policy: float | None) -> dict[str, Any]:
+        """Clear away jobs that have ended: older_than_s, keep_last, max_bytes. What went, or would go."""
+        body = {**{name: value for name, value in policy.items() if value is not None}, "dry_run": dry_run}
+        return dict(self._json("POST", "/api/v1/gc", json=body))
+
     def scenarios(self) -> dict[str, str]:
         """Built-in scenarios: name -> one line on it."""
         found = self._json("GET", "/api/v1/scenarios")["items"]

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import fields
 from typing import Any
 
-from sqlalchemy import Connection, Engine, Row, func, literal, select, text
+from sqlalchemy import Connection, Engine, Row, func, literal, select
 
 from service import tables
 from service.jobs import QUEUED, TERMINAL, Artefact, Event, Job, UnknownJob
@@ -22,10 +22,10 @@ class Reads:
     def __init__(self, engine: Engine) -> None:
         self._engine = engine
 
-    def ping(self) -> None:
-        """Raises when the database cannot be read."""
-        with self._engine.begin() as connection:
-            connection.execute(text("SELECT 1"))
+    @property
+    def engine(self) -> Engine:
+        """The database."""
+        return self._engine
 
     def get(self, job_id: str) -> Job:
         """The job with its spec and result. Raises UnknownJob."""

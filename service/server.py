@@ -6,18 +6,20 @@ import asyncio
 import contextlib
 import errno
 import json
-import logging
+import math
 import os
 import signal
 import socket
 import sys
 import threading
+import time
 from collections.abc import Callable
 from pathlib import Path
 from types import FrameType
 
 import uvicorn
 
+from service import logs
 from service.app import create_app
 from service.core import Service
 from service.lock import Busy, held
@@ -35,7 +37,7 @@ class CannotServe(NeedlebenchError):
 
 
 def serve(settings: Settings, *, announce: Callable[[str], None], until_stdin_closes: bool = False) -> None:
-    """Serve until SIGINT or SIGTERM; running jobs then go back into the queue.
+    """Serve until SIGINT or SIGTERM; running jobs then end within `settings.drain_s` or go back into the queue.
 
     announce: hears the address once the service listens. until_stdin_closes: end with the process
     that holds the other end of standard input. Raises CannotServe, DatabaseTooNew.
@@ -103,6 +105,7 @@ class _Server(uvicorn.Server):
     def __init__(self, service: Service, url: str, announce: Callable[[str], None]) -> None:
         config = uvicorn.Config(
             create_app(service),
+            log_config=None,
             log_level="warning",
             access_log=False,
             server_header=False,
@@ -111,6 +114,25 @@ class _Server(uvicorn.Server):
         )
         super().__init__(config)
         self._service, self._url, self._announce = service, url, announce
+        self._drain_until = -math.inf
+
+    async def on_tick(self, counter: int) -> bool:
+        """Whether to shut down: asked to, and what was to be waited for has ended."""
+        return await super().on_tick(counter) and self._drained()
+
+    def _drained(self) -> bool:
+        engine, now = self._service.engine, time.monotonic()
+        if not engine.draining:
+            engine.drain()
+            self._drain_until = now + self._service.settings.drain_s
+        return engine.busy == 0 or now >= self._drain_until
+
+    def handle_exit(self, sig: int, frame: FrameType | None) -> None:
+        """A second signal ends the waiting for running jobs, a third one uvicorn's."""
+        if self.should_exit and time.monotonic() < self._drain_until:
+            self._drain_until = -math.inf
+            return
+        super().handle_exit(sig, frame)
 
     async def startup(self, sockets: list[socket.socket] | None = None) -> None:
         await super().startup(sockets=sockets)
@@ -145,7 +167,7 @@ def _taken(data: Path, holder: str) -> str:
 
 def main() -> None:
     """Serve by environment variables alone, as the demo does; ends with whoever started it."""
-    logging.basicConfig(level=logging.WARNING, format="%(levelname)s %(message)s")
+    logs.configure("text")
     try:
         serve(Settings.load(), announce=lambda line: print(line, flush=True), until_stdin_closes=True)
     except NeedlebenchError as error:

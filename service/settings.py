@@ -13,6 +13,7 @@ from pathlib import Path
 
 from platformdirs import user_data_path
 
+from service.disk import MINIMUM_BYTES
 from simcore.errors import Problem, ScenarioError
 
 DEFAULT_HOST = "127.0.0.1"
@@ -57,6 +58,8 @@ class Settings:
     """Everything that the service can be told.
 
     data: folder of the database, the results and the recordings. port: None = the default one or the next free.
+    minimum_free_bytes: room on the disk below which no job is begun.
+    drain_s: how long running jobs may go on once the service was told to end; then they go back into the queue.
     runner: `module:function` that does a job in a worker process; tests replace it.
     """
 
@@ -66,6 +69,8 @@ class Settings:
     workers: int = MAXIMUM_WORKERS
     api_key: str | None = field(default=None, repr=False)
     maximum_body_bytes: int = 32 * 2**20
+    minimum_free_bytes: int = MINIMUM_BYTES
+    drain_s: float = 0.0
     runner: str = RUNNER
 
     def __post_init__(self) -> None:
@@ -74,6 +79,8 @@ class Settings:
             problems.append(Problem("NEEDLEBENCH_WORKERS", self.workers, f"must be 1 to {MAXIMUM_WORKERS}"))
         if self.port is not None and not 0 <= self.port <= 65535:
             problems.append(Problem("--port", self.port, "must be 0 (any free port) to 65535"))
+        if not 0 <= self.drain_s <= 86400:
+            problems.append(Problem("--drain", self.drain_s, "must be 0 to 86400 s"))
         if not self.host:
             problems.append(Problem("--host", self.host, "must be an address, as in 127.0.0.1"))
         problems.extend(self._key_problems())
@@ -110,6 +117,7 @@ class Settings:
         data: Path | None = None,
         host: str | None = None,
         port: int | None = None,
+        drain_s: float = 0.0,
         environ: Mapping[str, str] = os.environ,
     ) -> Settings:
         """Flags first, then environment variables, then defaults. Raises SettingsError."""
@@ -119,6 +127,8 @@ class Settings:
             port=port if port is not None else _whole(environ, "NEEDLEBENCH_PORT", None),
             workers=_whole(environ, "NEEDLEBENCH_WORKERS", MAXIMUM_WORKERS) or 0,
             api_key=environ.get("NEEDLEBENCH_API_KEY") or None,
+            minimum_free_bytes=(_whole(environ, "NEEDLEBENCH_MINIMUM_FREE_MB", MINIMUM_BYTES // 2**20) or 0) * 2**20,
+            drain_s=drain_s,
         )
 
 

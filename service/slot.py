@@ -15,6 +15,7 @@ from typing import Any
 from sqlalchemy.exc import DBAPIError, SQLAlchemyError
 
 from service import pool, progress, worker
+from service.checks import disk_check
 from service.jobs import CANCELLED, FAILED, SUCCEEDED, TIMED_OUT, Artefact, IllegalTransition, Job, Outcome
 from service.logs import ROOT
 from service.monitor import Monitor
@@ -74,7 +75,8 @@ class Slot(threading.Thread):
             except Exception as error:
                 self.problem = f"{type(error).__name__}: {error}"
                 _log.error("%s pauses for %g s: %s", self.name, pause, self.problem)
-                self._drop_worker()
+                if not isinstance(error, SQLAlchemyError):  # a database that refuses is no fault of the worker's
+                    self._drop_worker()
                 self._stopping.wait(pause)
                 pause = min(2 * pause, _LONGEST_PAUSE_S)
         self._drop_worker()
@@ -84,7 +86,8 @@ class Slot(threading.Thread):
         workman = self._warm_worker()
         if workman is None:
             return
-        job = None if self._draining.is_set() else self._store.claim()
+        self._look_at_disk()
+        job = None if self._draining.is_set() or self.problem else self._store.claim()
         if job is not None:
             self.job_id, self._begun = job.id, time.monotonic()
             self._monitor.started(job)
@@ -96,6 +99,14 @@ class Slot(threading.Thread):
             return
         with self._news:
             self._news.wait(_IDLE_S)
+
+    def _look_at_disk(self) -> None:
+        """Have a problem while there is no room: each job that is begun would fail for want of it."""
+        check = disk_check(self._settings.data, self._settings.minimum_free_bytes)
+        problem = f"{check.found}; {check.advice}" if check.level == "bad" else None
+        if (problem is None) != (self.problem is None):
+            _log.warning("%s: %s", self.name, problem or "there is room on the disk again")
+        self.problem = problem
 
     def _warm_worker(self) -> pool.Worker | None:
         """The worker, started and warmed if need be; None when the engine stops meanwhile."""

@@ -50,6 +50,11 @@ class Store(Reads):
         self._now = now
         self._notify = notify
 
+    @property
+    def now(self) -> float:
+        """UTC seconds since 1970, by the store's clock."""
+        return self._now()
+
     @contextmanager
     def _write(self) -> Iterator[Connection]:
         with self._turn, self._writer.begin() as connection:

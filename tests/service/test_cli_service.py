@@ -14,7 +14,9 @@ def needlebench(*words: str, **variables: str) -> Result:
     return CliRunner().invoke(main, words, env={**dict.fromkeys(names), **variables})
 
 
-@pytest.mark.parametrize("command", ["serve", "submit", "demo", "jobs", "show", "cancel"])
+@pytest.mark.parametrize(
+    "command", ["serve", "submit", "demo", "jobs", "show", "cancel", "retry", "verify", "gc", "doctor"]
+)
 def test_help_teaches_by_example(command: str) -> None:
     told = needlebench(command, "--help")
     assert told.exit_code == 0

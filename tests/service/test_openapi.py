@@ -27,6 +27,8 @@ OPERATIONS = {
     "get_recording": "GET /recordings/{job_id}.rrd",
     "list_scenarios": "GET /api/v1/scenarios",
     "get_scenario": "GET /api/v1/scenarios/{name}",
+    "clear_jobs": "POST /api/v1/gc",
+    "get_monitoring": "GET /metrics",
     "get_health": "GET /healthz",
     "get_readiness": "GET /readyz",
     "get_version": "GET /version",
