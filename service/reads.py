@@ -63,9 +63,9 @@ class Reads:
 
     def counts(self) -> dict[str, int]:
         """How many jobs there are in each state, those with none included."""
-        query = select(JOB.c.state, func.count()).group_by(JOB.c.state)
+        query = select(JOB.c.state, func.count().label("jobs")).group_by(JOB.c.state)
         with self._engine.begin() as connection:
-            found: dict[str, int] = dict(connection.execute(query).tuples().all())
+            found = {row.state: row.jobs for row in connection.execute(query)}
         return {state: found.get(state, 0) for state in tables.STATES}
 
     def oldest_queued_at(self) -> float | None:
