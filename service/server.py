@@ -6,6 +6,7 @@ import asyncio
 import contextlib
 import errno
 import json
+import logging
 import math
 import os
 import signal
@@ -13,11 +14,12 @@ import socket
 import sys
 import threading
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from types import FrameType
 
 import uvicorn
+from sqlalchemy.exc import DatabaseError
 
 from service import logs
 from service.app import create_app
@@ -27,6 +29,7 @@ from service.progress import replace_text
 from service.settings import DEFAULT_PORT, Settings, url_of
 from simcore.errors import NeedlebenchError
 
+_log = logging.getLogger(logs.ROOT)
 ENDPOINT = "endpoint.json"
 _PORTS_TRIED = 50
 _GRACE_S = 3
@@ -42,14 +45,13 @@ def serve(settings: Settings, *, announce: Callable[[str], None], until_stdin_cl
     announce: hears the address once the service listens. until_stdin_closes: end with the process
     that holds the other end of standard input. Raises CannotServe, DatabaseTooNew.
     """
-    settings.data.mkdir(parents=True, exist_ok=True)
     with contextlib.ExitStack() as stack:
-        try:
+        with _told(settings.data):
+            settings.data.mkdir(parents=True, exist_ok=True)
             stack.enter_context(held(settings.data / "server.lock"))
-        except Busy as busy:
-            raise CannotServe(_taken(settings.data, str(busy))) from None
         listener = stack.enter_context(contextlib.closing(listen(settings.host, settings.port)))
-        service = Service.open(settings)
+        with _told(settings.data):
+            service = Service.open(settings)
         url = url_of(settings.host, listener.getsockname()[1])
         server = _Server(service, url, announce)
         if until_stdin_closes:
@@ -61,6 +63,19 @@ def serve(settings: Settings, *, announce: Callable[[str], None], until_stdin_cl
             pass
         finally:
             signal.signal(signal.SIGTERM, previous)
+
+
+@contextlib.contextmanager
+def _told(data: Path) -> Iterator[None]:
+    """What is wrong with a data folder in words that say what to do. Raises CannotServe."""
+    try:
+        yield
+    except Busy as busy:
+        raise CannotServe(_taken(data, str(busy))) from None
+    except (OSError, DatabaseError) as error:
+        reason = error.strerror if isinstance(error, OSError) else error.orig
+        advice = "make it writable for this user, free space on its disk, or choose another folder with --data"
+        raise CannotServe(f"the data folder {data} cannot be used: {reason}; {advice}") from None
 
 
 def listen(host: str, port: int | None) -> socket.socket:
@@ -138,7 +153,10 @@ class _Server(uvicorn.Server):
         await super().startup(sockets=sockets)
         if self.started:
             data = self._service.settings.data
-            await asyncio.to_thread(replace_text, data / ENDPOINT, json.dumps({"url": self._url}))
+            try:
+                await asyncio.to_thread(replace_text, data / ENDPOINT, json.dumps({"url": self._url}))
+            except OSError as error:  # a full disk: who asks for the address must be told by hand
+                _log.warning("%s cannot be written: %s", ENDPOINT, error)
             self._announce(self._url)
 
     async def shutdown(self, sockets: list[socket.socket] | None = None) -> None:

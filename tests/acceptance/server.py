@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import os
 import signal
 import subprocess
@@ -22,12 +23,13 @@ PATIENCE_S = 60.0
 
 
 class Server:
-    """The process; `client` talks to it."""
+    """The process; `client` talks to it. settings: fields of `Settings` that are not the defaults of tests."""
 
-    def __init__(self, data: Path, *, runner: str = FAKE, workers: int = 2, port: int = 0) -> None:
+    def __init__(self, data: Path, *, runner: str = FAKE, workers: int = 2, **settings: float) -> None:
         self.data = data
+        more = {"workers": workers, "port": 0, **settings}
         code = "from tests.acceptance.server import main; main()"
-        command = [sys.executable, "-c", code, str(data), runner, str(workers), str(port)]
+        command = [sys.executable, "-c", code, str(data), runner, json.dumps(more)]
         self.process = subprocess.Popen(command, cwd=ROOT, stdout=subprocess.PIPE, text=True)
         assert self.process.stdout is not None
         self.url = self.process.stdout.readline().strip()
@@ -53,8 +55,8 @@ class Server:
 
 
 @contextmanager
-def running_server(data: Path, *, runner: str = FAKE, workers: int = 2, port: int = 0) -> Iterator[Server]:
-    server = Server(data, runner=runner, workers=workers, port=port)
+def running_server(data: Path, *, runner: str = FAKE, workers: int = 2, **settings: float) -> Iterator[Server]:
+    server = Server(data, runner=runner, workers=workers, **settings)
     try:
         yield server
     finally:
@@ -96,6 +98,6 @@ def children(pid: int) -> list[int]:
 
 def main() -> None:
     """What the process of `Server` runs."""
-    data, runner, workers, port = sys.argv[1:5]
-    settings = Settings(data=Path(data), port=int(port), runner=runner or RUNNER, workers=int(workers))
+    data, runner, more = sys.argv[1:4]
+    settings = Settings(data=Path(data), runner=runner or RUNNER, **json.loads(more))
     serve(settings, announce=lambda url: print(url, flush=True))

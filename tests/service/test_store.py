@@ -22,6 +22,8 @@ from service.jobs import (
     Outcome,
     UnknownJob,
 )
+from service.monitor import Monitor
+from service.retention import Policy, clear
 from service.store import Store
 
 
@@ -218,6 +220,27 @@ def test_a_pinned_job_is_not_deleted(store: Store) -> None:
         store.delete(job.id)
     store.pin(job.id, pinned=False)
     store.delete(job.id)
+
+
+def test_a_clock_that_is_set_back_orders_nothing(tmp_path: Path) -> None:
+    """Jobs are ordered by arrival, events by number; a job that ended in the future is not old."""
+    times = [5000.0, 4000.0, 3000.0, 2000.0, 1000.0, 900.0, 800.0, 700.0, 600.0, 500.0, 400.0, 300.0, 200.0, 100.0]
+    store = Store(open_database(tmp_path / "jobs.sqlite"), now=lambda: times.pop(0) if len(times) > 1 else times[0])
+    first, second = submit(store, "a"), submit(store, "b")
+    assert [job.name for job in store.newest()] == ["b", "a"]
+    running = claim(store)
+    assert running.name == "a"
+    store.finish(running, RESULT)
+    assert claim(store).id == second.id
+    assert kinds(store, first) == ["queued", "started", "succeeded"]
+    done = store.get(first.id)
+    assert (done.finished_at or 0) < (done.started_at or 0) < done.created_at
+    folder = tmp_path / "jobs"
+    assert clear(store, folder, Policy(older_than_s=60.0), dry_run=False).jobs == ()
+    monitor = Monitor()
+    monitor.started(running)
+    assert b"needlebench_job_wait_seconds_sum 0.0" in monitor.text()
+    store.close()
 
 
 ACTIONS = ("retry", "claim", "finish", "fail", "crash", "stop", "cancel", "recover", "beat")
