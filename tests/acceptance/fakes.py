@@ -15,7 +15,7 @@ from service.progress import replace_text
 
 
 def run_job(spec: dict[str, Any], artefact_dir: Path) -> dict[str, Any]:
-    """Behaves as the name of the scenario says: quick, some seconds, long, raises, dies, deaf to signals, or so once only."""
+    """Behaves as the name of the scenario says, all the time or in its first attempt only (`... once`)."""
     name = spec["scenario"]["name"]
     if name.endswith(" once") and artefact_dir.name != "1":
         name = "quick"

@@ -37,8 +37,12 @@ class Server:
         self.client = Client(self.url)
 
     def stop(self, number: int = signal.SIGTERM) -> int:
-        self.client.close()
         self.process.send_signal(number)
+        return self.ended()
+
+    def ended(self) -> int:
+        """Its exit code, once it has ended."""
+        self.client.close()
         code = self.process.wait(timeout=PATIENCE_S)
         assert self.process.stdout is not None
         self.process.stdout.close()
@@ -64,12 +68,12 @@ def running_server(data: Path, *, runner: str = FAKE, workers: int = 2, **settin
             server.stop()
 
 
-def until(condition: Callable[[], bool]) -> None:
+def until(condition: Callable[[], bool], *, patience_s: float = PATIENCE_S, pause_s: float = 0.02) -> None:
     """Wait for something that must come."""
-    end = time.monotonic() + PATIENCE_S
+    end = time.monotonic() + patience_s
     while not condition():
         assert time.monotonic() < end, "waited in vain"
-        time.sleep(0.02)
+        time.sleep(pause_s)
 
 
 def alive(pid: int) -> bool:

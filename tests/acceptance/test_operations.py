@@ -38,7 +38,7 @@ def test_a_drain_lets_running_jobs_end_refuses_new_ones_and_keeps_the_queue(tmp_
     assert refused.value.status == 503
     assert server.client.job(running.id).state == "running"
     assert server.client.wait(running.id, timeout_s=50).state == "succeeded"
-    assert server.process.wait(timeout=60) == 0
+    assert server.ended() == 0
     with running_server(tmp_path) as again:
         done = again.client.wait(queued.id, timeout_s=60)
         assert (done.state, done.attempt) == ("succeeded", 1)

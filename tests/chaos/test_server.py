@@ -85,16 +85,14 @@ def test_the_server_is_killed(
         server = Server(tmp_path, runner=RUNNER)
         slowest_s = max(slowest_s, time.monotonic() - started)
         submitter.serve(server.client)
-        if chance.random() < 0.5:  # else also while it starts
-            until(lambda server=server: any(map(works_on, children(server.process.pid))))  # type: ignore[misc]
-        time.sleep(chance.uniform(0, _LONGEST_S))
-        server.process.send_signal(signal.SIGKILL)
-        server.process.wait()
-        submitter.serve(None)
-        server.client.close()
-        assert server.process.stdout is not None
-        server.process.stdout.close()
-        until(lambda: not _family(token))
+        try:
+            if chance.random() < 0.5:  # else also while its workers start
+                until(lambda: _works(server), patience_s=300, pause_s=0.2)  # noqa: B023
+            time.sleep(chance.uniform(0, _LONGEST_S))
+        finally:
+            submitter.serve(None)
+            server.stop(signal.SIGKILL)
+        until(lambda: not _family(token), pause_s=0.1)
         _check_database(tmp_path)
     with running_server(tmp_path, runner=RUNNER) as server:
         submitter.serve(server.client)
@@ -112,6 +110,11 @@ def test_the_server_is_killed(
     assert not submitter.problems
     figures.update(kills=moments, acknowledged=len(submitter.acknowledged), jobs=len(done), run_again=again)
     figures.update(lost=0, finished_twice=0, orphans=0, slowest_start_s=round(slowest_s, 1), recordings=dict(seen))
+
+
+def _works(server: Server) -> bool:
+    """Whether a job is run in one of its workers."""
+    return any(works_on(pid) is not None for pid in children(server.process.pid))
 
 
 def _family(token: str) -> list[int]:

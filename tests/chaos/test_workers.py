@@ -21,7 +21,7 @@ def test_workers_are_killed(tmp_path: Path, moments: int, chance: random.Random,
         killed: list[tuple[str, int]] = []
         idle = 0
         while len(killed) < moments:
-            until(lambda: bool(_at_work(server)))
+            until(lambda: bool(_at_work(server)), patience_s=300, pause_s=0.1)
             time.sleep(chance.uniform(0, pace_s))
             victim = chance.choice(sorted(children(server.process.pid)))
             job = works_on(victim)
