@@ -5,15 +5,15 @@ from __future__ import annotations
 import json
 import re
 import sys
-import tempfile
 from contextlib import ExitStack
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import click
 
 if TYPE_CHECKING:
-    from service.verify import Arrays, Verdict
+    from service.verify import Verdict
+    from simcore.records import Observer
 
 
 @click.command()
@@ -36,57 +36,46 @@ def verify(ctx: click.Context, source: str, url: str | None, as_json: bool) -> N
     \b
     Exit code: 0 identical or equal, 1 different, 2 not a result
     """
-    from service.verify import verify as verified
+    from service.verify import CannotVerify
+    from simcore.errors import Problem, ScenarioError
 
-    result, series = _from_file(Path(source)) if Path(source).is_file() else _from_job(source, url)
     with ExitStack() as stack:
-        bar = None
+        bar: Observer | None = None
         if sys.stderr.isatty():
             from service.local_run import ProgressBar
 
             bar = stack.enter_context(ProgressBar())
-        verdict = verified(result, series, bar)
+        file = Path(source)
+        try:
+            verdict = _of_file(file, bar) if file.is_file() else _of_job(source, url, bar)
+        except CannotVerify as error:
+            raise ScenarioError([Problem("RESULT", source, str(error))]) from None
     click.echo(json.dumps(verdict.data())) if as_json else _tell(verdict)
     if not verdict.reproduced:
         ctx.exit(1)
 
 
-def _from_file(path: Path) -> tuple[dict[str, Any], Arrays | None]:
-    from service.verify import load_series
+def _of_file(path: Path, observer: Observer | None) -> Verdict:
+    from service.verify import CannotVerify, load_series, verify
     from simcore.artefacts import SERIES
-    from simcore.errors import Problem, ScenarioError
 
     try:
         result = json.loads(path.read_bytes())
     except (OSError, ValueError, RecursionError) as error:
-        raise ScenarioError([Problem("RESULT", str(path), f"is not readable JSON: {error}")]) from None
-    return _checked(result, str(path)), load_series(path.with_name(SERIES))
+        raise CannotVerify(f"is not readable JSON: {error}") from None
+    if not isinstance(result, dict):
+        raise CannotVerify("this is no result: it is no JSON object")
+    return verify(result, load_series(path.with_name(SERIES)), observer)
 
 
-def _from_job(job_id: str, url: str | None) -> tuple[dict[str, Any], Arrays | None]:
+def _of_job(job_id: str, url: str | None, observer: Observer | None) -> Verdict:
     from service.cli_service import asked, client_of
-    from service.verify import load_series
-    from simcore.errors import Problem, ScenarioError
+    from service.verify import CannotVerify
 
     if not re.fullmatch("[0-9a-z]{1,32}", job_id):
-        raise ScenarioError([Problem("RESULT", job_id, "is neither a file nor the id of a job")])
-    with client_of(url) as client, tempfile.TemporaryDirectory() as folder:
-        job = asked(lambda: client.job(job_id))
-        if job.result is None:
-            raise ScenarioError([Problem("JOB", job_id, f"is {job.state}: it has no result")])
-        series = load_series(client.series(job_id, Path(folder) / "series.npz"))
-        return _checked(dict(job.result), job_id), series
-
-
-def _checked(result: Any, source: str) -> dict[str, Any]:
-    from service.verify import CannotVerify, origin_of
-    from simcore.errors import Problem, ScenarioError
-
-    try:
-        origin_of(result if isinstance(result, dict) else {})
-    except CannotVerify as error:
-        raise ScenarioError([Problem("RESULT", source, str(error))]) from None
-    return dict(result)
+        raise CannotVerify("is neither a file nor the id of a job")
+    with client_of(url) as client:
+        return asked(lambda: client.verify(job_id, observer))
 
 
 def _tell(verdict: Verdict) -> None:

@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import json
+import tempfile
 import time
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from types import TracebackType
-from typing import Any, Self
+from typing import TYPE_CHECKING, Any, Self
 from urllib.parse import urlsplit
 
 import httpx2
@@ -16,6 +17,10 @@ import httpx2
 from service.settings import is_loopback
 from simcore.errors import NeedlebenchError, Problem
 from simcore.scenario import Scenario
+
+if TYPE_CHECKING:
+    from service.verify import Verdict
+    from simcore.records import Observer
 
 TERMINAL = frozenset({"succeeded", "failed", "cancelled", "timed_out"})
 _POLL_S = 20.0
@@ -270,6 +275,20 @@ class Client:
     def series(self, job_id: str, path: Path) -> Path:
         """Download series.npz (open it with numpy.load). Returns `path`."""
         return self._download(f"/api/v1/jobs/{job_id}/series?format=npz", path)
+
+    def verify(self, job_id: str, observer: Observer | None = None) -> Verdict:
+        """Run the job's scenario again in this process and compare: identical, equal within 1e-6 mm, or different.
+
+        Raises CannotVerify when the job has no result.
+        """
+        from service.verify import CannotVerify, load_series, verify
+
+        job = self.job(job_id)
+        if job.result is None:
+            raise CannotVerify(f"job {job_id} is {job.state}: it has no result")
+        with tempfile.TemporaryDirectory() as folder:
+            series = load_series(self.series(job_id, Path(folder) / "series.npz"))
+        return verify(job.result, series, observer)
 
     def log(self, job_id: str) -> str:
         """What the job's last attempt logged so far."""

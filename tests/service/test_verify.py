@@ -115,7 +115,7 @@ def test_a_broken_series_is_named(rollout: Rollout, tmp_path: Path) -> None:
     path = stored(rollout, tmp_path)
     (tmp_path / "series.npz").write_bytes(b"PK broken")
     told = needlebench("verify", str(path))
-    assert told.exit_code == 1
+    assert told.exit_code == 2
     assert "series.npz cannot be read" in told.output
     with pytest.raises(CannotVerify):
         compare({"digest": "0"}, None, rollout)
