@@ -87,7 +87,7 @@ def test_the_server_is_killed(
         submitter.serve(server.client)
         try:
             if chance.random() < 0.5:  # else also while its workers start
-                until(lambda: _works(server), patience_s=300, pause_s=0.2)  # noqa: B023
+                until(lambda: _works(server), patience_s=600, pause_s=0.2)  # noqa: B023
             time.sleep(chance.uniform(0, _LONGEST_S))
         finally:
             submitter.serve(None)

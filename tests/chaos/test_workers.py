@@ -21,7 +21,7 @@ def test_workers_are_killed(tmp_path: Path, moments: int, chance: random.Random,
         killed: list[tuple[str, int]] = []
         idle = 0
         while len(killed) + idle < moments:
-            until(lambda: bool(_at_work(server)), patience_s=300, pause_s=0.1)
+            until(lambda: bool(_at_work(server)), patience_s=600, pause_s=0.1)
             time.sleep(chance.uniform(0, pace_s))
             busy = _at_work(server) if chance.random() < 0.8 else []  # else also while they start, or wait
             victim = chance.choice(sorted(busy or children(server.process.pid)))
