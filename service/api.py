@@ -12,9 +12,10 @@ from fastapi import APIRouter, Header, Query, Request, Response, status
 from starlette.concurrency import run_in_threadpool
 
 from service.core import JobId, Service, ServiceOf, documented, matches
+from service.cost import check_cost
 from service.jobs import Job
 from service.schemas import JobPage, JobRequest, JobSummary, JobView, State
-from simcore.files import names_mean, nothing
+from simcore.files import names_mean
 from simcore.presets import preset
 from simcore.scenario import Scenario
 
@@ -30,11 +31,12 @@ _LOCATION = {"Location": {"description": "Where the job is.", "schema": {"type":
     summary="Submit a job",
     status_code=status.HTTP_202_ACCEPTED,
     response_model=JobView,
-    responses={202: {"description": "Queued.", "headers": _LOCATION}, **documented(400, 403, 413, 415, 503)},
+    responses={202: {"description": "Queued.", "headers": _LOCATION}, **documented(400, 413, 415, 503)},
 )
 def submit_job(
     body: JobRequest,
     service: ServiceOf,
+    request: Request,
     response: Response,
     idempotency_key: Annotated[
         str | None,
@@ -43,8 +45,9 @@ def submit_job(
 ) -> JobView:
     """Queue one insertion. The scenario is checked first: what is wrong with it is named field by field."""
     service.refuse_when_closing()
-    scenario = _scenario(body.scenario)
+    scenario, uploads = _scenario(body.scenario, service)
     resolved = scenario.resolved()
+    owner = request.state.caller.key_id
     job = service.store.submit(
         name=scenario.name,
         spec={"scenario": resolved},
@@ -52,19 +55,29 @@ def submit_job(
         steps=scenario.steps,
         priority=body.priority,
         timeout_s=body.timeout_s,
-        key=idempotency_key,
+        key=_own(idempotency_key, owner),
         request_hash=_hash([resolved, body.priority, body.timeout_s]),
+        owner=owner,
+        uploads=sorted(uploads),
     )
     service.engine.poke()
     response.headers["Location"] = f"/api/v1/jobs/{job.id}"
     return JobView.of(job)
 
 
-def _scenario(value: Any) -> Scenario:
-    if isinstance(value, str):
-        return preset(value)
-    with names_mean(nothing):
-        return Scenario.load(value)
+def _scenario(value: Any, service: Service) -> tuple[Scenario, set[str]]:
+    """The scenario and the ids of the uploads that it names. Raises ScenarioError, also for one that costs too much."""
+    with names_mean(lookup := service.uploads.lookup()):
+        scenario = preset(value) if isinstance(value, str) else Scenario.load(value)
+        check_cost(scenario, service.settings.limits)
+    return scenario, lookup.used
+
+
+def _own(idempotency_key: str | None, owner: str | None) -> str | None:
+    """Two API keys may use the same idempotency key for jobs of their own."""
+    if idempotency_key is None or owner is None:
+        return idempotency_key
+    return f"{owner}/{hashlib.sha256(idempotency_key.encode()).hexdigest()}"
 
 
 def _hash(value: Any) -> str:
@@ -144,7 +157,7 @@ async def _settled(service: Service, request: Request, job_id: str, wait_s: floa
     operation_id="cancel_job",
     summary="Cancel a job",
     status_code=status.HTTP_202_ACCEPTED,
-    responses=documented(403, 404, 409),
+    responses=documented(404, 409),
 )
 def cancel_job(job_id: JobId, service: ServiceOf) -> JobView:
     """A queued job is cancelled at once, a running one within a second. Once more is no error."""
@@ -184,8 +197,9 @@ def pin_job(job_id: JobId, service: ServiceOf) -> JobView:
     status_code=status.HTTP_204_NO_CONTENT,
     responses=documented(403, 404),
 )
-def unpin_job(job_id: JobId, service: ServiceOf) -> None:
-    """It may be cleared away again. Once more is no error."""
+def unpin_job(job_id: JobId, service: ServiceOf, request: Request) -> None:
+    """It may be cleared away again. Once more is no error. Another key's needs the scope admin."""
+    request.state.caller.must_own(service.store.glance(job_id).owner, f"job {job_id}")
     service.store.pin(job_id, pinned=False)
 
 
@@ -194,9 +208,10 @@ def unpin_job(job_id: JobId, service: ServiceOf) -> None:
     operation_id="delete_job",
     summary="Delete a job that has ended",
     status_code=status.HTTP_204_NO_CONTENT,
-    responses=documented(403, 404, 409),
+    responses=documented(404, 409),
 )
-def delete_job(job_id: JobId, service: ServiceOf) -> None:
-    """Forget the job, with its result, series and recording."""
+def delete_job(job_id: JobId, service: ServiceOf, request: Request) -> None:
+    """Forget the job, with its result, series and recording. Another key's needs the scope admin."""
+    request.state.caller.must_own(service.store.glance(job_id).owner, f"job {job_id}")
     service.store.delete(job_id)
     shutil.rmtree(service.settings.jobs / job_id, ignore_errors=True)

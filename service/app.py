@@ -9,12 +9,26 @@ from typing import Any, cast
 import anyio.to_thread
 from fastapi import FastAPI
 
-from service import api, events, openapi, ops, page, problems, results, system
+from service import (
+    api,
+    events,
+    key_routes,
+    login,
+    openapi,
+    ops,
+    page,
+    problems,
+    results,
+    system,
+    upload_routes,
+)
 from service.core import Service
-from service.guard import BodyLimit, HostGuard, KeyGuard
+from service.guard import BodyLimit, HostGuard
+from service.key_guard import KeyGuard
+from service.keys import UnknownKey
 from service.readiness import readings
 from service.request_log import RequestLog
-from service.settings import Settings
+from service.uploads import UnknownUpload, UploadInUse, UploadsFull
 from service.version import installed_version
 
 DESCRIPTION = """Robotic needle insertions in deforming tissue, as jobs: submit a scenario, follow it, fetch its
@@ -47,16 +61,21 @@ def create_app(service: Service) -> FastAPI:
     service.monitor.add(lambda: readings(service))
     app.openapi = openapi.document_of(app)  # type: ignore[method-assign]
     problems.install(app)
-    for part in (api, events, results, system, ops, page):
+    app.add_exception_handler(UnknownUpload, problems.on_unknown)
+    app.add_exception_handler(UnknownKey, problems.on_unknown)
+    app.add_exception_handler(UploadInUse, problems.on_conflict)
+    app.add_exception_handler(UploadsFull, problems.on_no_room)
+    for part in (api, events, results, upload_routes, key_routes, system, ops, login, page):
         app.include_router(part.router)
-    _guard(app, service.settings)
+    _guard(app, service)
     app.add_middleware(cast(Any, RequestLog), monitor=service.monitor)
     return app
 
 
-def _guard(app: FastAPI, settings: Settings) -> None:
+def _guard(app: FastAPI, service: Service) -> None:
     """The layers around the routes; the last one added sees a request first."""
-    app.add_middleware(cast(Any, BodyLimit), maximum_bytes=settings.maximum_body_bytes)
-    if settings.api_key is not None:
-        app.add_middleware(cast(Any, KeyGuard), key=settings.api_key)
+    limits, settings = service.settings.limits, service.settings
+    uploads = {"/api/v1/uploads": limits.upload_bytes}
+    app.add_middleware(cast(Any, BodyLimit), maximum_bytes=limits.body_bytes, more=uploads)
+    app.add_middleware(cast(Any, KeyGuard), keys=service.keys, rate_per_key=limits.rate_per_key)
     app.add_middleware(cast(Any, HostGuard), loopback=settings.loopback)

@@ -20,6 +20,8 @@ _COMMANDS = {  # name -> (module, what it does); the order is that of the help
     "view": ("cli_local", "Open a recording in the viewer, or make a picture of it."),
     "serve": ("cli_service", "Start the HTTP service."),
     "submit": ("cli_service", "Send a scenario to a service."),
+    "upload": ("cli_upload", "Send a tissue mesh or a model to a service."),
+    "uploads": ("cli_upload", "List what was sent to a service, or delete it."),
     "jobs": ("cli_service", "List the jobs of a service."),
     "show": ("cli_service", "Show one job of a service."),
     "cancel": ("cli_service", "Cancel a job of a service."),
@@ -28,6 +30,7 @@ _COMMANDS = {  # name -> (module, what it does); the order is that of the help
     "verify": ("cli_verify", "Run a result again: does the same come out?"),
     "gc": ("cli_ops", "Clear away old jobs and their files."),
     "doctor": ("cli_ops", "Check this installation: versions, cache, disk, port, viewer, data folder."),
+    "key": ("cli_key", "Make, list and revoke the API keys of a data folder."),
     "bench": ("cli_bench", "Measure speed and convergence, or compare two measurements."),
 }
 _EPILOG = """

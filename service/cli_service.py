@@ -15,13 +15,13 @@ if TYPE_CHECKING:
 
 Answer = TypeVar("Answer")
 
-_data = click.option(
+data_option = click.option(
     "--data",
     metavar="DIR",
     type=click.Path(file_okay=False, path_type=Path),
     help="Folder of jobs, results and recordings (NEEDLEBENCH_DATA); default: the platform's data folder.",
 )
-_url = click.option(
+url_option = click.option(
     "--url",
     metavar="URL",
     envvar="NEEDLEBENCH_URL",
@@ -29,7 +29,19 @@ _url = click.option(
 )
 
 
-@click.command()
+class Serve(click.Command):
+    """Its help ends with the environment variables that set limits."""
+
+    def format_epilog(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
+        from service.limits import limits_help
+        from service.settings import variables_help
+
+        for title, text in (("Environment variables", variables_help()), ("Limits, at most", limits_help())):
+            with formatter.section(title):
+                formatter.write_dl(text)
+
+
+@click.command(cls=Serve)
 @click.option("--host", metavar="ADDRESS", help="Address to listen on; default 127.0.0.1, this machine only.")
 @click.option("--port", type=click.IntRange(0, 65535), help="Default 8321 or the next free one; 0 = any free one.")
 @click.option(
@@ -48,7 +60,7 @@ _url = click.option(
     envvar="NEEDLEBENCH_LOG_FORMAT",
     help="Warnings as text, or everything, requests too, as JSON lines.",
 )
-@_data
+@data_option
 def serve(
     host: str | None, port: int | None, drain_s: float, log_format: Literal["text", "json"], data: Path | None
 ) -> None:
@@ -64,14 +76,15 @@ def serve(
     For a log collector:      needlebench serve --log-format json --drain 60
 
     Any address that others can reach needs a key, which clients then send as `Authorization: Bearer KEY`; started
-    without one, the command prints the line to type:
+    without one, the command prints the line to type. Keys that are kept, with scopes, come from another command:
 
     \b
+    For this lab:             needlebench key create --scope admin --note "me"
                               needlebench serve --host 0.0.0.0
 
-    A key that is set (NEEDLEBENCH_API_KEY) is asked for on every address; `needlebench submit` and the other
-    commands take it from the same variable. The page with the list of jobs is at the address that is printed, the
-    description of the whole interface at /openapi.json.
+    Once there is a key, or one is set (NEEDLEBENCH_API_KEY, scope admin), it is asked for on every address;
+    `needlebench submit` and the other commands take it from the same variable, a browser at /login. The page with the
+    list of jobs is at the address that is printed, the description of the whole interface at /openapi.json.
     """
     from service import logs, server
     from service.settings import Settings
@@ -90,12 +103,25 @@ def serve(
 @click.command()
 @click.argument("source", metavar="SCENARIO")
 @click.option("--wait", is_flag=True, help="Show progress until the job has ended, then its metrics.")
+@click.option(
+    "--set",
+    "changes",
+    metavar="PATH=VALUE",
+    multiple=True,
+    help="Change one field; VALUE is JSON, else a string. Repeatable, applied left to right.",
+)
 @click.option("--priority", type=click.IntRange(-100, 100), default=0, show_default=True, help="Higher runs first.")
 @click.option("--timeout", "timeout_s", type=click.FloatRange(1, 86400), metavar="SECONDS", help="Default 3600.")
-@_url
+@url_option
 @click.pass_context
 def submit(
-    ctx: click.Context, source: str, wait: bool, priority: int, timeout_s: float | None, url: str | None
+    ctx: click.Context,
+    source: str,
+    wait: bool,
+    changes: tuple[str, ...],
+    priority: int,
+    timeout_s: float | None,
+    url: str | None,
 ) -> None:
     """Send a scenario to a running service; prints the id of the job.
 
@@ -105,6 +131,9 @@ def submit(
     A built-in one:           needlebench submit demo --wait
     Your own:                 needlebench scenario demo > mine.json
                               needlebench submit mine.json --wait
+    With another field:       needlebench submit demo --set tissue.young_kpa=3
+    With a mesh of your own:  needlebench upload liver.msh
+                              needlebench submit mine.json --set tissue.mesh_file=artefact:ID
     To another machine:       NEEDLEBENCH_API_KEY=... needlebench submit mine.json --url http://lab:8321
 
     \b
@@ -115,7 +144,7 @@ def submit(
     from service.follow import exit_code, follow
 
     with client_of(url) as client:
-        job = _submitted(client, source, priority, timeout_s)
+        job = _submitted(client, source, changes, priority, timeout_s)
         click.echo(job.id)
         if not wait:
             click.echo(f"{client.url}{job.raw['links']['self']}", err=True)
@@ -130,7 +159,7 @@ def submit(
 
 
 @click.command()
-@_data
+@data_option
 @click.option("--port", type=click.IntRange(1, 65535), help="Default 8321; if it is taken, the next free one.")
 @click.option("--keep/--once", default=None, help="Stay up until Ctrl-C, or end with the run; default: by terminal.")
 @click.pass_context
@@ -158,7 +187,7 @@ def demo(ctx: click.Context, data: Path | None, port: int | None, keep: bool | N
 @click.option("--state", metavar="STATE", help="Only queued, running, succeeded, failed, cancelled or timed_out.")
 @click.option("--limit", type=click.IntRange(1, 10_000), default=20, show_default=True, help="At most so many.")
 @click.option("--json", "as_json", is_flag=True, help="One JSON object a line.")
-@_url
+@url_option
 def jobs(state: str | None, limit: int, as_json: bool, url: str | None) -> None:
     """List the jobs of a service, newest first.
 
@@ -173,7 +202,7 @@ def jobs(state: str | None, limit: int, as_json: bool, url: str | None) -> None:
 
 @click.command()
 @click.argument("job_id", metavar="JOB")
-@_url
+@url_option
 def show(job_id: str, url: str | None) -> None:
     """Print everything about one job as JSON: state, progress, scenario, result, links.
 
@@ -186,7 +215,7 @@ def show(job_id: str, url: str | None) -> None:
 
 @click.command()
 @click.argument("job_id", metavar="JOB")
-@_url
+@url_option
 def cancel(job_id: str, url: str | None) -> None:
     """Cancel a queued or running job; what it has recorded so far is kept. Once more is no error.
 
@@ -202,7 +231,7 @@ def cancel(job_id: str, url: str | None) -> None:
 
 @click.command()
 @click.argument("job_id", metavar="JOB")
-@_url
+@url_option
 def retry(job_id: str, url: str | None) -> None:
     """Queue a job again that failed, was cancelled or ran out of time, under the same id.
 
@@ -225,11 +254,14 @@ def client_of(url: str | None) -> Client:
     return Client(known, os.environ.get("NEEDLEBENCH_API_KEY"))
 
 
-def _submitted(client: Client, source: str, priority: int, timeout_s: float | None) -> JobStatus:
-    """The job that the service made of a file, of standard input, or of a built-in name."""
+def _submitted(
+    client: Client, source: str, changes: tuple[str, ...], priority: int, timeout_s: float | None
+) -> JobStatus:
+    """The job that the service made of a file, of standard input, or of a built-in name, with changes."""
     from service.cli_local import read_source
+    from simcore.presets import with_changes
 
-    data = read_source(source)
+    data = with_changes(read_source(source), list(changes))
     return asked(lambda: client.submit(data, priority=priority, timeout_s=timeout_s))
 
 

@@ -104,6 +104,23 @@ class JobEvent:
         return cls(id=None, kind=kind, job=raw["job"], attempt=raw["attempt"], progress=progress)
 
 
+@dataclass(frozen=True, kw_only=True)
+class Uploaded:
+    """A file that was sent in; a scenario names it by `reference`."""
+
+    id: str
+    reference: str
+    kind: str
+    name: str
+    bytes: int
+    sha256: str
+    content: Mapping[str, Any]
+
+    @classmethod
+    def of(cls, raw: Mapping[str, Any]) -> Self:
+        return cls(**{name: raw[name] for name in cls.__dataclass_fields__})
+
+
 class Client:
     """A connection to one service. Use it as a context manager, or close it.
 
@@ -302,6 +319,24 @@ class Client:
         """Clear away jobs that have ended: older_than_s, keep_last, max_bytes. What went, or would go."""
         body = {**{name: value for name, value in policy.items() if value is not None}, "dry_run": dry_run}
         return dict(self._json("POST", "/api/v1/gc", json=body))
+
+    def upload(self, path: Path, *, kind: str | None = None) -> Uploaded:
+        """Send a tissue mesh or a model; kind: mesh or model, by default what the suffix says. The same content sent
+        again is the same upload. A scenario names it by its `reference`."""
+        kind = kind or ("model" if path.suffix.lower() in (".npz", ".json") else "mesh")
+        with path.open("rb") as file:
+            headers = {"Content-Type": "application/octet-stream"}
+            params = {"kind": kind, "name": path.name}
+            raw = self._json("POST", "/api/v1/uploads", params=params, content=file, headers=headers, timeout=300.0)
+        return Uploaded.of(raw)
+
+    def uploads(self) -> list[Uploaded]:
+        """What was sent in, newest first."""
+        return [Uploaded.of(raw) for raw in self._json("GET", "/api/v1/uploads", params={"limit": 1000})["items"]]
+
+    def delete_upload(self, upload_id: str) -> None:
+        """Delete an upload that no queued or running job names."""
+        self._request("DELETE", f"/api/v1/uploads/{upload_id}")
 
     def scenarios(self) -> dict[str, str]:
         """Built-in scenarios: name -> one line on it."""

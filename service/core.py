@@ -10,11 +10,13 @@ from fastapi import Depends, Path, Request
 from service.changes import Changes
 from service.database import open_database
 from service.engine import Engine
+from service.keys import Keys
 from service.monitor import Monitor
 from service.problems import MEDIA_TYPE, HttpProblem
 from service.schemas import ProblemDetails
 from service.settings import Settings
 from service.store import Store
+from service.uploads import Uploads
 
 
 @dataclass(frozen=True)
@@ -26,13 +28,17 @@ class Service:
     engine: Engine
     changes: Changes
     monitor: Monitor
+    keys: Keys
+    uploads: Uploads
 
     @classmethod
     def open(cls, settings: Settings) -> Service:
         """The service on its data folder, not yet running. Raises DatabaseTooNew."""
         changes, monitor = Changes(), Monitor()
-        store = Store(open_database(settings.database), notify=changes.notify)
-        return cls(settings, store, Engine(settings, store, monitor), changes, monitor)
+        store = Store(open_database(settings.database), notify=changes.notify, limits=settings.limits)
+        keys = Keys(store, environment_key=settings.api_key, always=not settings.loopback)
+        uploads = Uploads(settings.uploads, store, settings.limits)
+        return cls(settings, store, Engine(settings, store, monitor), changes, monitor, keys, uploads)
 
     @property
     def closing(self) -> bool:
@@ -62,19 +68,24 @@ def matches(if_none_match: str | None, tag: str) -> bool:
 _CAUSES = {
     400: "The request cannot be read.",
     401: "The key is missing or wrong.",
-    403: "The page that sent this may not change anything.",
+    403: "The scope of the key does not reach this, or a page of elsewhere sent the request.",
     404: "There is no such thing.",
-    409: "The job is not in a state for this.",
+    409: "It is not in a state for this.",
     413: "The body is too long.",
-    415: "The body is not declared as JSON.",
+    414: "The address is too long.",
+    415: "The body is not of a type that is taken.",
     421: "The Host header is not a name of this machine.",
     422: "A field is missing or out of its range; `errors` names field, value and range.",
-    503: "Not now.",
+    429: "Too many requests of this key, or too many queued jobs; Retry-After says when to ask again.",
+    431: "The headers are too long.",
+    503: "Not now; Retry-After says when to ask again.",
+    507: "There is no room for more uploads; delete some.",
 }
+_ANYWHERE = (401, 403, 414, 421, 422, 429, 431)
 
 
 def documented(*statuses: int) -> dict[int | str, dict[str, Any]]:
     """OpenAPI entries of the errors of a route, in their one shape."""
     schema = {"$ref": f"#/components/schemas/{ProblemDetails.__name__}"}
     content = {MEDIA_TYPE: {"schema": schema}}
-    return {status: {"description": _CAUSES[status], "content": content} for status in (*statuses, 401, 421, 422)}
+    return {status: {"description": _CAUSES[status], "content": content} for status in sorted({*statuses, *_ANYWHERE})}

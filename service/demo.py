@@ -3,14 +3,17 @@
 from __future__ import annotations
 
 import os
+import secrets
 import subprocess
 import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
+from dataclasses import replace
 from pathlib import Path
 
 import click
 
+from service.api_key import keys_exist
 from service.client import Client, JobStatus, ServiceError, Unreachable
 from service.follow import exit_code, follow
 from service.report_table import print_report
@@ -25,6 +28,8 @@ _PORTS_TRIED = 50
 def run_demo(*, data: Path | None, port: int | None, keep: bool | None) -> int:
     """The whole demonstration; its exit code. keep: stay up until Ctrl-C; None = on a terminal outside CI."""
     settings = Settings.load(data=data, host=DEFAULT_HOST, port=port)
+    if settings.api_key is None and keys_exist(settings.database):
+        settings = replace(settings, api_key=secrets.token_urlsafe(24))  # of the demonstration alone
     stay = keep if keep is not None else sys.stdout.isatty() and not os.environ.get("CI")
     click.echo(
         "A flexible needle is steered 122 mm deep through deforming tissue by an inverse finite element controller.\n"
@@ -107,6 +112,7 @@ def _start(settings: Settings) -> subprocess.Popen[str]:
         **os.environ,
         "NEEDLEBENCH_DATA": str(settings.data),
         "NEEDLEBENCH_HOST": settings.host,
+        **({"NEEDLEBENCH_API_KEY": settings.api_key} if settings.api_key else {}),
         "NEEDLEBENCH_PORT": str(_free_port(settings.host, wanted)),
         "PYTHONPATH": os.pathsep.join(filter(None, [home, os.environ.get("PYTHONPATH")])),
     }

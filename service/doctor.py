@@ -9,6 +9,7 @@ import sqlite3
 import sys
 import tempfile
 from collections.abc import Callable
+from dataclasses import replace
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 
@@ -109,7 +110,8 @@ def _existing(folder: Path) -> Path:
 
 def _data(settings: Settings) -> Check:
     if settings.data.exists():
-        return folder_check(settings.data)
+        check = folder_check(settings.data)
+        return replace(check, found=f"{settings.data}: {check.found}")
     nearest = _existing(settings.data)
     if os.access(nearest, os.W_OK):
         return Check(name="data folder", level="ok", found=f"{settings.data} will be made")

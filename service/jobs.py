@@ -42,6 +42,14 @@ class KeyReused(NeedlebenchError):
     """An idempotency key came again with another request."""
 
 
+class QueueFull(NeedlebenchError):
+    """No more jobs are taken now."""
+
+
+class UploadGone(NeedlebenchError, LookupError):
+    """A job names an upload that was deleted meanwhile."""
+
+
 @dataclass(frozen=True, kw_only=True)
 class Artefact:
     """A file that a job left behind. path: relative to the data folder, with forward slashes."""
@@ -106,6 +114,7 @@ class Job:
     started_at: float | None
     finished_at: float | None
     version: int
+    owner: str | None = None
 
     @property
     def terminal(self) -> bool:

@@ -8,6 +8,8 @@ from typing import Any
 from fastapi import FastAPI
 from fastapi.openapi.utils import get_openapi
 
+from service.access import SCOPE_FIELD, scope_of
+from service.key_guard import COOKIE, OPEN_PATHS
 from service.schemas import ProblemDetails
 
 
@@ -28,6 +30,17 @@ def _made(app: FastAPI) -> dict[str, Any]:
     problem = ProblemDetails.model_json_schema(ref_template="#/components/schemas/{model}")
     components = made.setdefault("components", {})
     components.setdefault("schemas", {}).update({**problem.pop("$defs", {}), ProblemDetails.__name__: problem})
-    components["securitySchemes"] = {"key": {"type": "http", "scheme": "bearer"}}
-    made["security"] = [{}, {"key": []}]  # no key is asked for on loopback unless one is set
+    components["securitySchemes"] = {
+        "key": {"type": "http", "scheme": "bearer", "description": "An API key, made by `needlebench key create`."},
+        "login": {"type": "apiKey", "in": "cookie", "name": COOKIE, "description": "Set by POST /login."},
+    }
+    for path, methods in made["paths"].items():
+        for method, operation in methods.items():
+            operation["security"] = _security(path, method.upper(), operation)
     return made
+
+
+def _security(path: str, method: str, operation: dict[str, Any]) -> list[dict[str, list[str]]]:
+    """Nothing where no key is asked for, which is so on loopback until there is one; else a key of this scope."""
+    scope = operation.pop(SCOPE_FIELD, scope_of(method))
+    return [{}] if path in OPEN_PATHS else [{}, {"key": [scope]}, {"login": [scope]}]

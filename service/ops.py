@@ -6,8 +6,9 @@ from fastapi import APIRouter, Response
 from prometheus_client import CONTENT_TYPE_LATEST
 
 from service import retention
+from service.access import admin_only
 from service.core import ServiceOf, documented
-from service.schemas import ClearedView, ClearRequest
+from service.schemas_ops import ClearedView, ClearRequest
 
 router = APIRouter(tags=["service"])
 
@@ -29,6 +30,7 @@ def get_monitoring(service: ServiceOf) -> Response:
     operation_id="clear_jobs",
     summary="Clear away old jobs",
     responses=documented(400, 403, 413, 415),
+    **admin_only(),
 )
 def clear_jobs(body: ClearRequest, service: ServiceOf) -> ClearedView:
     """Delete jobs that have ended, with their files, by age, number or size; pinned ones stay. Folders without a job

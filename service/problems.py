@@ -14,7 +14,7 @@ from sqlalchemy.exc import OperationalError
 from starlette.exceptions import HTTPException
 from starlette.responses import Response
 
-from service.jobs import IllegalTransition, KeyReused, UnknownJob
+from service.jobs import IllegalTransition, KeyReused, QueueFull, UnknownJob, UploadGone
 from simcore.errors import Problem, ScenarioError
 
 MEDIA_TYPE = "application/problem+json"
@@ -89,10 +89,12 @@ def install(app: FastAPI) -> None:
     app.add_exception_handler(HTTPException, _on_http)
     app.add_exception_handler(RequestValidationError, _on_request)
     app.add_exception_handler(ScenarioError, _on_scenario)
-    app.add_exception_handler(UnknownJob, _on_unknown)
-    app.add_exception_handler(IllegalTransition, _on_conflict)
+    app.add_exception_handler(UnknownJob, on_unknown)
+    app.add_exception_handler(IllegalTransition, on_conflict)
     app.add_exception_handler(KeyReused, _on_key)
-    app.add_exception_handler(OperationalError, _on_database)
+    app.add_exception_handler(QueueFull, _on_full)
+    app.add_exception_handler(UploadGone, _on_gone)
+    app.add_exception_handler(OperationalError, database_refusal)
     app.add_exception_handler(Exception, _on_crash)
 
 
@@ -146,12 +148,19 @@ def _on_scenario(request: Request, error: Exception) -> Response:
     return _reply(request, 422, detail, errors=error.problems)
 
 
-def _on_unknown(request: Request, error: Exception) -> Response:
+def on_unknown(request: Request, error: Exception) -> Response:
+    """404, with what the error says."""
     return _reply(request, 404, str(error))
 
 
-def _on_conflict(request: Request, error: Exception) -> Response:
+def on_conflict(request: Request, error: Exception) -> Response:
+    """409, with what the error says."""
     return _reply(request, 409, str(error))
+
+
+def on_no_room(request: Request, error: Exception) -> Response:
+    """507, with what the error says."""
+    return _reply(request, 507, str(error))
 
 
 def _on_key(request: Request, error: Exception) -> Response:
@@ -159,7 +168,15 @@ def _on_key(request: Request, error: Exception) -> Response:
     return _reply(request, 422, str(error), errors=[field])
 
 
-def _on_database(request: Request, error: Exception) -> Response:
+def _on_full(request: Request, error: Exception) -> Response:
+    return _reply(request, 429, f"{error}; try again later", headers={"Retry-After": "10"})
+
+
+def _on_gone(request: Request, error: Exception) -> Response:
+    return _reply(request, 422, str(error), errors=[Problem("scenario", None, str(error))])
+
+
+def database_refusal(request: Request, error: Exception) -> Response:
     """A full disk, a locked database, a data folder that became read-only: not now, and nothing was changed."""
     assert isinstance(error, OperationalError)
     return _reply(request, 503, f"the database refuses: {error.orig}", headers={"Retry-After": "10"})

@@ -2,15 +2,15 @@
 
 from __future__ import annotations
 
-from dataclasses import asdict
 from datetime import UTC, datetime
 from typing import Annotated, Any, Literal, Self
 
 from pydantic import BaseModel, ConfigDict, Field, WithJsonSchema, field_validator
 
-from service.checks import Check
 from service.jobs import SUCCEEDED, Artefact, Event, Job
-from service.retention import Cleared
+from service.keys import ApiKey
+from service.upload_names import SCHEME
+from service.uploads import Upload
 
 State = Literal["queued", "running", "succeeded", "failed", "cancelled", "timed_out"]
 
@@ -105,6 +105,7 @@ class JobSummary(BaseModel):
     metrics: dict[str, Any] | None
     error: JobError | None
     links: Links
+    key: str | None = Field(description="Id of the API key that submitted it; null where none was asked for.")
     created_at: datetime
     started_at: datetime | None
     finished_at: datetime | None
@@ -124,6 +125,7 @@ class JobSummary(BaseModel):
             "metrics": job.metrics,
             "error": None if kind is None else JobError(kind=kind, message=job.error or ""),
             "links": links_of(job),
+            "key": job.owner,
             "created_at": moment(job.created_at),
             "started_at": moment(job.started_at),
             "finished_at": moment(job.finished_at),
@@ -203,6 +205,85 @@ class ArtefactList(BaseModel):
     items: list[ArtefactView]
 
 
+class UploadView(BaseModel):
+    """A file that was sent in. `reference` is what a scenario writes to name it."""
+
+    id: str
+    reference: str
+    kind: Literal["mesh", "model"]
+    name: str = Field(description="What its sender calls it.")
+    bytes: int
+    sha256: str
+    content: dict[str, Any] = Field(description="What was found in it: nodes, tetrahedra, arrays, members.")
+    created_at: datetime
+    url: str = Field(description="Where its content is.")
+
+    @classmethod
+    def of(cls, upload: Upload) -> Self:
+        names = ("id", "kind", "name", "bytes", "sha256", "content")
+        return cls(
+            **{name: getattr(upload, name) for name in names},
+            reference=f"{SCHEME}{upload.id}",
+            created_at=datetime.fromtimestamp(upload.created_at, UTC),
+            url=f"/api/v1/uploads/{upload.id}/content",
+        )
+
+
+class UploadList(BaseModel):
+    items: list[UploadView]
+
+
+Scope = Literal["read", "submit", "admin"]
+
+
+class KeyRequest(BaseModel):
+    """An API key to be made."""
+
+    model_config = ConfigDict(extra="forbid", json_schema_extra={"examples": [{"scope": "submit", "note": "nightly"}]})
+
+    scope: Scope = Field(description="Steps: admin includes submit, submit includes read.")
+    note: str = Field("", max_length=200, description="Whose it is or what for; printable characters.")
+
+    @field_validator("note")
+    @classmethod
+    def _printable(cls, value: str) -> str:
+        if not value.isprintable():
+            raise ValueError("must be printable characters")
+        return value
+
+
+class KeyView(BaseModel):
+    """An API key without its secret. used_at is kept to the minute."""
+
+    id: str
+    scope: Scope
+    note: str
+    created_at: datetime
+    used_at: datetime | None
+    revoked_at: datetime | None
+
+    @classmethod
+    def of(cls, key: ApiKey) -> Self:
+        return cls(
+            id=key.id,
+            scope=key.scope,
+            note=key.note,
+            created_at=datetime.fromtimestamp(key.created_at, UTC),
+            used_at=moment(key.used_at),
+            revoked_at=moment(key.revoked_at),
+        )
+
+
+class KeyMade(KeyView):
+    """An API key that was made just now."""
+
+    key: str = Field(description="What to send as Authorization: Bearer KEY; it is not shown again.")
+
+
+class KeyList(BaseModel):
+    items: list[KeyView]
+
+
 class ScenarioInfo(BaseModel):
     """A built-in scenario."""
 
@@ -213,65 +294,6 @@ class ScenarioInfo(BaseModel):
 
 class ScenarioList(BaseModel):
     items: list[ScenarioInfo]
-
-
-class Health(BaseModel):
-    status: Literal["ok"] = "ok"
-
-
-class CheckView(BaseModel):
-    """One thing that was looked at."""
-
-    name: str
-    level: Literal["ok", "warn", "bad"]
-    found: str
-    advice: str = Field(description="What to do if it is not well.")
-
-    @classmethod
-    def of(cls, check: Check) -> Self:
-        return cls(**asdict(check))
-
-
-class Readiness(BaseModel):
-    status: Literal["ready", "starting"]
-    workers: int = Field(description="Slots for jobs.")
-    workers_ready: int = Field(description="Slots with a warm worker process.")
-    problem: str | None
-    warnings: list[str] = Field(description="What an operator should know, such as a disk that runs short.")
-    checks: list[CheckView]
-
-
-class ClearRequest(BaseModel):
-    """Which jobs that have ended may go. Without a rule only folders without a job go."""
-
-    model_config = ConfigDict(
-        extra="forbid", json_schema_extra={"examples": [{"older_than_s": 2592000, "dry_run": True}]}
-    )
-
-    older_than_s: Annotated[
-        float | None, Field(strict=True, ge=0, le=1e10, allow_inf_nan=False, description="Ended longer ago.")
-    ] = None
-    keep_last: Annotated[
-        int | None, Field(strict=True, ge=0, le=10**9, description="Never the newest so many; alone, all but these go.")
-    ] = None
-    max_bytes: Annotated[
-        int | None, Field(strict=True, ge=0, le=2**62, description="Then the oldest, until the rest holds no more.")
-    ] = None
-    dry_run: Annotated[bool, Field(strict=True, description="Only tell what would go.")] = False
-
-
-class ClearedView(BaseModel):
-    """What went, or with a dry run would go."""
-
-    jobs: list[str]
-    orphans: list[str] = Field(description="Folders that belonged to no job, or to an earlier attempt.")
-    bytes: int
-    kept: int = Field(description="Jobs that have ended and stay.")
-    kept_bytes: int
-
-    @classmethod
-    def of(cls, cleared: Cleared) -> Self:
-        return cls(**asdict(cleared))
 
 
 class Version(BaseModel):

@@ -13,17 +13,17 @@ from pathlib import Path
 
 from platformdirs import user_data_path
 
+from service.api_key import keys_exist
 from service.disk import MINIMUM_BYTES
-from simcore.errors import Problem, ScenarioError
+from service.limits import Limits, SettingsError
+from simcore.errors import Problem
+
+__all__ = ["Limits", "Settings", "SettingsError", "data_dir", "is_loopback", "url_of"]
 
 DEFAULT_HOST = "127.0.0.1"
 DEFAULT_PORT = 8321
 MAXIMUM_WORKERS = 2
 RUNNER = "service.worker:run_job"
-
-
-class SettingsError(ScenarioError):
-    """A setting out of its range; `problems` names each setting, its value and the allowed range."""
 
 
 def default_data_dir() -> Path:
@@ -68,9 +68,9 @@ class Settings:
     port: int | None = None
     workers: int = MAXIMUM_WORKERS
     api_key: str | None = field(default=None, repr=False)
-    maximum_body_bytes: int = 32 * 2**20
     minimum_free_bytes: int = MINIMUM_BYTES
     drain_s: float = 0.0
+    limits: Limits = field(default_factory=Limits)
     runner: str = RUNNER
 
     def __post_init__(self) -> None:
@@ -89,7 +89,7 @@ class Settings:
 
     def _key_problems(self) -> list[Problem]:
         if self.api_key is None:
-            if is_loopback(self.host):
+            if is_loopback(self.host) or keys_exist(self.database):
                 return []
             return [Problem("--host", self.host, _refusal(self.host, self.port))]
         if self.api_key and self.api_key.isascii() and self.api_key.isprintable() and " " not in self.api_key:
@@ -110,6 +110,11 @@ class Settings:
         """Folder of the artefacts, one folder a job and in it one an attempt."""
         return self.data / "jobs"
 
+    @property
+    def uploads(self) -> Path:
+        """Folder of the files that were sent in, each named by its content."""
+        return self.data / "uploads"
+
     @classmethod
     def load(
         cls,
@@ -129,7 +134,19 @@ class Settings:
             api_key=environ.get("NEEDLEBENCH_API_KEY") or None,
             minimum_free_bytes=(_whole(environ, "NEEDLEBENCH_MINIMUM_FREE_MB", MINIMUM_BYTES // 2**20) or 0) * 2**20,
             drain_s=drain_s,
+            limits=Limits.load(environ),
         )
+
+
+def variables_help() -> list[tuple[str, str]]:
+    """The environment variables and what they set; those of limits are in `limits.limits_help`."""
+    return [
+        ("NEEDLEBENCH_DATA", "folder of jobs, results, recordings and uploads; as --data"),
+        ("NEEDLEBENCH_HOST", "address to listen on; as --host"),
+        ("NEEDLEBENCH_PORT", "port to listen on; as --port"),
+        ("NEEDLEBENCH_WORKERS", f"jobs at a time, 1 to {MAXIMUM_WORKERS}; default {MAXIMUM_WORKERS}"),
+        ("NEEDLEBENCH_API_KEY", "a key of scope admin, beside those of `needlebench key`"),
+    ]
 
 
 def _whole(environ: Mapping[str, str], name: str, default: int | None) -> int | None:
@@ -151,4 +168,7 @@ def _refusal(host: str, port: int | None) -> str:
         if sys.platform == "win32"
         else f"NEEDLEBENCH_API_KEY={key} {command}"
     )
-    return f"anyone who reaches this address could run jobs, so it needs a key. Type:\n\n    {line}\n"
+    return (
+        f"anyone who reaches this address could run jobs, so it needs a key. Type:\n\n    {line}\n\n"
+        "or make keys that are kept, one for each who may: needlebench key create --scope admin\n"
+    )

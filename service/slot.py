@@ -18,6 +18,7 @@ from service import pool, progress, worker
 from service.checks import disk_check
 from service.jobs import CANCELLED, FAILED, SUCCEEDED, TIMED_OUT, Artefact, IllegalTransition, Job, Outcome
 from service.logs import ROOT
+from service.memory import resident_mb
 from service.monitor import Monitor
 from service.settings import Settings
 from service.store import Store
@@ -136,7 +137,7 @@ class Slot(threading.Thread):
         folder = self._settings.data / job.folder
         try:
             shutil.rmtree(folder, ignore_errors=True)
-            spec = {**(job.spec or {}), "job_id": job.id}
+            spec = {**(job.spec or {}), "job_id": job.id, "uploads": str(self._settings.uploads)}
             future = workman.call(worker.execute, self._settings.runner, spec, str(folder))
             outcome = self._watch(workman, job, future)
         except Exception as loss:  # whatever it is, a claimed job must not stay behind without an owner
@@ -167,12 +168,20 @@ class Slot(threading.Thread):
             if not workman.alive:
                 raise pool.Lost("its worker process died")
             if cancelled:
-                return self._cut_short(job, CANCELLED, None)
+                return self._cut_short(job, CANCELLED)
             if time.monotonic() > deadline:
-                return self._cut_short(job, TIMED_OUT, f"it did not end within timeout_s = {job.timeout_s:g}")
+                message = f"it did not end within timeout_s = {job.timeout_s:g}"
+                return self._cut_short(job, TIMED_OUT, kind="timed_out", message=message)
+            if (greed := self._greed()) is not None:
+                return self._cut_short(job, FAILED, kind="out_of_memory", message=greed)
             if due:
                 known, told = now, time.monotonic()
         return None
+
+    def _greed(self) -> str | None:
+        """What to say when the worker holds more memory than a job may."""
+        held, most = resident_mb(self.pid or 0), self._settings.limits.job_memory_mb
+        return f"it held {held:.0f} MB, at most {most} are allowed" if held is not None and held > most else None
 
     def _cancelled(self, job: Job, news: dict[str, Any] | None) -> bool:
         """Hand the progress on, if there is any; whether somebody wants the job to stop."""
@@ -192,11 +201,10 @@ class Slot(threading.Thread):
             return Outcome(state=FAILED, error_kind=kind, error=message, artefacts=files, **left)
         return Outcome(state=SUCCEEDED, result=answer["result"], artefacts=files, **left)
 
-    def _cut_short(self, job: Job, state: str, message: str | None) -> Outcome:
+    def _cut_short(self, job: Job, state: str, *, kind: str | None = None, message: str | None = None) -> Outcome:
         """End the process; what it had written so far is kept."""
         self._drop_worker()
         files = self._files(job, worker.describe(self._settings.data / job.folder))
-        kind = "timed_out" if state == TIMED_OUT else None
         return Outcome(state=state, error_kind=kind, error=message, artefacts=files)
 
     def _files(self, job: Job, described: list[dict[str, Any]]) -> tuple[Artefact, ...]:

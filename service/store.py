@@ -5,14 +5,14 @@ from __future__ import annotations
 import secrets
 import threading
 import time
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from collections.abc import Callable, Collection, Iterator
+from contextlib import AbstractContextManager, contextmanager
 from dataclasses import fields
 from typing import Any
 
-from sqlalchemy import Connection, Engine, Update, delete, insert, select, update
+from sqlalchemy import Connection, Engine, Update, delete, func, insert, select, update
 
-from service import tables
+from service import access_tables, tables
 from service.jobs import (
     CANCELLED,
     CRASHED,
@@ -28,7 +28,10 @@ from service.jobs import (
     Job,
     KeyReused,
     Outcome,
+    QueueFull,
+    UploadGone,
 )
+from service.limits import Limits
 from service.reads import COLUMNS, LISTED, Reads, read, to_job
 
 _job = tables.job
@@ -43,17 +46,27 @@ class Store(Reads):
         *,
         now: Callable[[], float] = time.time,
         notify: Callable[[str], None] = lambda _: None,
+        limits: Limits | None = None,
     ) -> None:
         super().__init__(engine)
         self._writer = engine.execution_options(write=True)
         self._turn = threading.Lock()  # writers of this process queue up here and not in SQLite's busy loop
         self._now = now
         self._notify = notify
+        self._limits = limits or Limits()
 
     @property
     def now(self) -> float:
         """UTC seconds since 1970, by the store's clock."""
         return self._now()
+
+    def reading(self) -> AbstractContextManager[Connection]:
+        """A transaction that reads, for the stores of other tables."""
+        return self._engine.begin()
+
+    def writing(self) -> AbstractContextManager[Connection]:
+        """A transaction that writes, for the stores of other tables."""
+        return self._write()
 
     @contextmanager
     def _write(self) -> Iterator[Connection]:
@@ -77,12 +90,19 @@ class Store(Reads):
         timeout_s: float,
         key: str | None = None,
         request_hash: str = "",
+        owner: str | None = None,
+        uploads: Collection[str] = (),
     ) -> Job:
-        """A new queued job; the job of before when the idempotency key was seen. Raises KeyReused."""
+        """A new queued job; the job of before when the idempotency key was seen.
+
+        owner: the API key that asked. uploads: ids of those that the job will read.
+        Raises KeyReused, QueueFull, UploadGone.
+        """
         with self._write() as connection:
             known = self._known(connection, key, request_hash)
             if known is not None:
                 return known
+            self._admit(connection, owner, uploads)
             row = connection.execute(
                 insert(_job)
                 .values(
@@ -100,16 +120,34 @@ class Store(Reads):
                     pinned=False,
                     created_at=self._now(),
                     version=1,
+                    owner=owner,
                 )
                 .returning(*COLUMNS)
             ).one()
             job = to_job(row)
+            for upload_id in uploads:
+                used = {"job_id": job.id, "upload_id": upload_id}
+                connection.execute(insert(access_tables.job_upload).values(used))
             if key is not None:
                 seen = {"key": key, "request_hash": request_hash, "job_id": job.id, "created_at": self._now()}
                 connection.execute(insert(tables.idempotency).values(seen))
             self._log(connection, job, QUEUED, {"priority": priority, "timeout_s": timeout_s})
         self._notify(job.id)
         return job
+
+    def _admit(self, connection: Connection, owner: str | None, uploads: Collection[str]) -> None:
+        """Whether there is room in the queue, and every upload still there."""
+        waiting = select(func.count()).select_from(_job).where(_job.c.state == QUEUED)
+        if (queued := connection.execute(waiting).scalar_one()) >= self._limits.queue:
+            raise QueueFull(f"{queued} jobs are queued, at most {self._limits.queue} are taken")
+        if owner is not None:
+            queued = connection.execute(waiting.where(_job.c.owner == owner)).scalar_one()
+            if queued >= (most := self._limits.queue_per_key):
+                raise QueueFull(f"{queued} jobs of this key are queued, at most {most} of one key are taken")
+        known = access_tables.upload.c.id
+        for upload_id in uploads:
+            if connection.execute(select(known).where(known == upload_id)).one_or_none() is None:
+                raise UploadGone(f"the upload {upload_id} was deleted")
 
     def _known(self, connection: Connection, key: str | None, request_hash: str) -> Job | None:
         if key is None:

@@ -10,7 +10,8 @@ from fastapi import APIRouter, Path
 from service.core import ServiceOf, documented
 from service.problems import HttpProblem
 from service.readiness import checks
-from service.schemas import CheckView, Health, Readiness, ScenarioInfo, ScenarioList, Version
+from service.schemas import ScenarioInfo, ScenarioList, Version
+from service.schemas_ops import CheckView, Health, Readiness
 from service.version import installed_version
 from simcore.errors import ScenarioError
 from simcore.presets import preset, preset_names

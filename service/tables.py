@@ -63,6 +63,7 @@ job = Table(
     Column("started_at", Float),
     Column("finished_at", Float),
     Column("version", Integer, nullable=False),  # goes up with every change: the ETag
+    Column("owner", String(32)),  # the API key that submitted it; null where none was asked for
     CheckConstraint("state IN ('queued', 'running', 'succeeded', 'failed', 'cancelled', 'timed_out')", name="state"),
     sqlite_autoincrement=True,
 )

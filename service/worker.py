@@ -59,15 +59,16 @@ class Together:
 def run_job(spec: dict[str, Any], artefact_dir: Path) -> dict[str, Any]:
     """Run `spec["scenario"]`; write result.json, series.npz and, if wanted, recording.rrd into the folder.
 
-    spec: {"scenario": resolved scenario JSON, "job_id": str}. Returns the JSON of result.json. A run that did not
-    succeed or converge is a result like any other.
+    spec: {"scenario": resolved scenario JSON, "job_id": str, "uploads": folder of the files that the scenario may name
+    by id}. Returns the JSON of result.json. A run that did not succeed or converge is a result like any other.
     """
+    from service.upload_names import UploadLookup
     from simcore import artefacts, rollout
-    from simcore.files import names_mean, nothing
+    from simcore.files import names_mean
     from simcore.scenario import Scenario
 
     with ExitStack() as stack:
-        stack.enter_context(names_mean(nothing))
+        stack.enter_context(names_mean(UploadLookup(Path(spec["uploads"]))))
         scenario = Scenario.load(spec["scenario"])
         _log.info(
             "job %s: scenario %r, %d steps, seed %d", *(spec["job_id"], scenario.name, scenario.steps, scenario.seed)

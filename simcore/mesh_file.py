@@ -105,6 +105,17 @@ def load_mesh(path: str, *, unit_mm: float, names: tuple[str, ...], sha256: str 
         raise fault(path, str(wrong)) from None
 
 
+def counts_of(path: str) -> tuple[int, int]:
+    """Points and tetrahedra in a mesh file, whatever its unit of length. Raises ScenarioError for a file that holds
+    no linear tetrahedra."""
+    content = MeshFile.read(path)
+    try:
+        points, tets = _tetrahedra(_parsed(content))
+    except _Fault as wrong:
+        raise fault(path, str(wrong)) from None
+    return len(points), len(tets)
+
+
 class _Fault(Exception):
     """What is wrong with the content of a mesh file."""
 

@@ -28,6 +28,10 @@ def run_job(spec: dict[str, Any], artefact_dir: Path) -> dict[str, Any]:
         raise ValueError("asked to")
     if name == "dies":
         os._exit(9)
+    hoard: list[bytearray] = []
+    while name == "greedy":
+        hoard.append(bytearray(os.urandom(1 << 20) * 10))
+        time.sleep(0.01)
     with (artefact_dir / "recording.rrd").open("wb") as recording:
         for step in range(1, {"quick": 2, "some seconds": 100}.get(name, 1200)):
             recording.write(b"step %d\n" % step)

@@ -14,6 +14,7 @@ from pathlib import Path
 
 from needlebench import Client
 from service.client import JobStatus
+from service.limits import Limits
 from service.server import serve
 from service.settings import RUNNER, Settings
 
@@ -103,5 +104,6 @@ def children(pid: int) -> list[int]:
 def main() -> None:
     """What the process of `Server` runs."""
     data, runner, more = sys.argv[1:4]
-    settings = Settings(data=Path(data), runner=runner or RUNNER, **json.loads(more))
+    limits = Limits.load(os.environ)
+    settings = Settings(data=Path(data), runner=runner or RUNNER, limits=limits, **json.loads(more))
     serve(settings, announce=lambda url: print(url, flush=True))

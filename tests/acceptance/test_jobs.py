@@ -98,6 +98,22 @@ def test_a_job_that_kills_its_worker_is_given_up_after_three_attempts(server: Se
     assert "exit code 9" in done.error["message"]
 
 
+def test_a_job_that_takes_too_much_memory_has_failed_and_the_other_goes_on(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("NEEDLEBENCH_JOB_MEMORY_MB", "700")
+    with running_server(tmp_path) as server:
+        other = server.running("long")
+        pid = server.worker_of(other)
+        done = server.client.wait(server.client.submit({"name": "greedy"}).id)
+        assert (done.state, done.attempt) == ("failed", 1)
+        assert done.error is not None
+        assert done.error["kind"] == "out_of_memory"
+        assert "at most 700 are allowed" in done.error["message"]
+        assert (server.client.job(other.id).attempt, server.worker_of(other)) == (1, pid)
+        assert server.client.wait(server.client.submit({"name": "quick"}).id).state == "succeeded"
+
+
 def test_a_worker_killed_while_idle_is_replaced(server: Server) -> None:
     until(lambda: server.client.ready()["workers_ready"] == 2)
     done = server.client.wait(server.client.submit({"name": "quick"}).id)

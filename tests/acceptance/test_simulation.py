@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 import json
 import os
 import re
@@ -20,6 +21,7 @@ from needlebench import Scenario, run
 from service.settings import RUNNER
 from simcore.artefacts import RESULT
 from tests.acceptance.server import ROOT, Server, alive, children, running_server, until
+from tests.simcore.test_mesh_file import write_box
 
 pytestmark = pytest.mark.slow
 
@@ -27,6 +29,12 @@ SHORT: dict[str, Any] = {
     "name": "short",
     "tissue": {"element_size_mm": 10},
     "trajectory": {"kind": "line", "target_mm": [18, 31, 15]},
+}
+ON_MESH: dict[str, Any] = {
+    "name": "on a mesh",
+    "tissue": {"fixed_faces": ["y_min", "y_max"]},
+    "interaction": {"spacing_mm": 11},
+    "trajectory": {"kind": "line", "entry_mm": [10, 20, 0], "target_mm": [11, 21, 15]},
 }
 LONG = {**SHORT, "name": "long", "dt_s": 0.0005}
 
@@ -69,6 +77,30 @@ def test_a_job_is_verified_and_its_recording_fetched(server: Server, tmp_path: P
     told = needlebench("recording", "fetch", done.id, str(target), "--url", server.url, data=tmp_path)
     assert (told.returncode, told.stdout) == (0, f"{target}\n"), told.stderr
     assert target.read_bytes()[:4] == b"RRF2"
+
+
+def test_an_uploaded_mesh_gives_bit_for_bit_what_its_file_gives(server: Server, tmp_path: Path) -> None:
+    path, _ = write_box(tmp_path, "box.vtu")
+    sent = needlebench("upload", str(path), "--url", server.url, data=tmp_path)
+    assert sent.returncode == 0, sent.stderr
+    reference = sent.stdout.strip()
+    assert server.client.upload(path).reference == reference
+    file = tmp_path / "on_mesh.json"
+    file.write_text(json.dumps(ON_MESH))
+    done = needlebench(
+        "submit", str(file), "--wait", "--url", server.url, "--set", f"tissue.mesh_file={reference}", data=tmp_path
+    )
+    assert done.returncode in (0, 3), done.stderr
+    local = needlebench(
+        "run", str(file), "--out", str(tmp_path / "out"), "--set", f"tissue.mesh_file={path}", data=tmp_path
+    )
+    assert local.returncode == done.returncode, local.stderr
+    result = server.client.job(done.stdout.split()[0]).result
+    assert result is not None
+    assert result["digest"] == json.loads((tmp_path / "out" / RESULT).read_text())["digest"]
+    tissue = result["provenance"]["scenario"]["tissue"]
+    assert tissue["mesh_file"] == reference
+    assert tissue["mesh_sha256"] == hashlib.sha256(path.read_bytes()).hexdigest()
 
 
 def test_a_running_simulation_is_cancelled_and_its_recording_kept(server: Server) -> None:

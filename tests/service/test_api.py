@@ -8,6 +8,7 @@ import pytest
 from starlette.testclient import TestClient
 
 from service.core import Service
+from service.limits import Limits
 from simcore.presets import preset
 from tests.service.http import finish, idle_service
 
@@ -64,6 +65,43 @@ def test_an_idempotency_key_gives_the_same_answer_again(http: TestClient) -> Non
     other = http.post(JOBS, json={"scenario": "sine"}, headers={"Idempotency-Key": "k"})
     assert (other.status_code, other.json()["errors"][0]["field"]) == (422, "Idempotency-Key")
     assert http.post(JOBS, json={"scenario": "line"}, headers={"Idempotency-Key": ""}).status_code == 422
+
+
+@pytest.mark.parametrize("key", ["", "k" * 201])
+def test_an_empty_or_long_idempotency_key_is_422(http: TestClient, key: str) -> None:
+    answer = http.post(JOBS, json={"scenario": "line"}, headers={"Idempotency-Key": key})
+    assert (answer.status_code, answer.headers["content-type"]) == (422, "application/problem+json")
+
+
+def test_past_the_queue_limit_jobs_are_refused_for_now(tmp_path: Path) -> None:
+    with idle_service(tmp_path / "full", limits=Limits(queue=2)) as (http, service):
+        known = {"Idempotency-Key": "k"}
+        first = http.post(JOBS, json={"scenario": "line"}, headers=known).json()
+        submit(http)
+        answer = http.post(JOBS, json={"scenario": "line"})
+        assert (answer.status_code, answer.headers["content-type"]) == (429, "application/problem+json")
+        assert int(answer.headers["retry-after"]) > 0
+        assert "2 jobs are queued, at most 2" in answer.json()["detail"]
+        assert http.post(JOBS, json={"scenario": "line"}, headers=known).json() == first
+        finish(service)
+        submit(http)
+
+
+def test_one_key_cannot_fill_the_queue(tmp_path: Path) -> None:
+    with idle_service(tmp_path / "keys", limits=Limits(queue_per_key=1)) as (http, service):
+        one, two = ({"Authorization": f"Bearer {service.keys.create(scope='submit')[1]}"} for _ in range(2))
+        codes = [http.post(JOBS, json={"scenario": "line"}, headers=by).status_code for by in (one, one, two)]
+    assert codes == [202, 429, 202]
+
+
+def test_a_draining_service_takes_nothing_more(both: tuple[TestClient, Service]) -> None:
+    http, service = both
+    service.changes.close()
+    upload = http.post("/api/v1/uploads", params={"kind": "model", "name": "a.json"}, content=b"{}")
+    for answer in (http.post(JOBS, json={"scenario": "line"}), upload):
+        assert (answer.status_code, answer.headers["content-type"]) == (503, "application/problem+json")
+        assert int(answer.headers["retry-after"]) > 0
+    assert http.get(JOBS).status_code == 200
 
 
 def test_jobs_are_listed_by_page_and_by_state(http: TestClient) -> None:

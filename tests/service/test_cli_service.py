@@ -6,6 +6,7 @@ from pathlib import Path
 import pytest
 from click.testing import CliRunner, Result
 
+from service.api_key import id_of
 from service.cli import main
 
 
@@ -14,9 +15,24 @@ def needlebench(*words: str, **variables: str) -> Result:
     return CliRunner().invoke(main, words, env={**dict.fromkeys(names), **variables})
 
 
-@pytest.mark.parametrize(
-    "command", ["serve", "submit", "demo", "jobs", "show", "cancel", "retry", "verify", "gc", "doctor"]
+COMMANDS = (
+    "serve",
+    "submit",
+    "demo",
+    "jobs",
+    "show",
+    "cancel",
+    "retry",
+    "verify",
+    "gc",
+    "doctor",
+    "upload",
+    "uploads",
+    "key",
 )
+
+
+@pytest.mark.parametrize("command", COMMANDS)
 def test_help_teaches_by_example(command: str) -> None:
     told = needlebench(command, "--help")
     assert told.exit_code == 0
@@ -42,3 +58,22 @@ def test_without_a_service_the_way_to_start_one_is_told(tmp_path: Path) -> None:
     told = needlebench("jobs", NEEDLEBENCH_DATA=str(tmp_path), NEEDLEBENCH_URL="http://127.0.0.1:9")
     assert told.exit_code == 1
     assert "needlebench serve" in told.output
+
+
+def test_keys_are_made_listed_and_revoked_in_the_data_folder(tmp_path: Path) -> None:
+    data = ("--data", str(tmp_path))
+    made = needlebench("key", "create", "--scope", "admin", "--note", "me", *data)
+    assert made.exit_code == 0, made.output
+    text = made.stdout.strip()
+    key_id = id_of(text)
+    assert key_id is not None
+    assert "is not shown again" in made.stderr
+    assert "from now on" in made.stderr
+    listed = needlebench("key", "list", *data).stdout
+    assert re.match(rf"{key_id}  admin +made \d{{4}}-.* used never +me\n", listed)
+    assert text not in listed
+    revoked = needlebench("key", "revoke", key_id, *data)
+    assert (revoked.exit_code, "no key is left" in revoked.stderr) == (0, True)
+    assert "revoked 2" in needlebench("key", "list", *data).stdout
+    assert needlebench("key", "revoke", "unknown", *data).exit_code == 1
+    assert needlebench("key", "create", "--note", "x" * 300, *data).exit_code == 2

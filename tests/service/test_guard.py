@@ -30,6 +30,30 @@ def test_a_page_of_elsewhere_may_not_change_anything(tmp_path: Path) -> None:
         assert http.post(JOBS, json={"scenario": "line"}, headers={"Origin": HERE}).status_code == 202
 
 
+@pytest.mark.parametrize("site", ["cross-site", "same-site"])
+def test_a_browser_that_says_that_a_page_of_elsewhere_asks_is_believed(tmp_path: Path, site: str) -> None:
+    with idle_service(tmp_path) as (http, _):
+        told = {"Sec-Fetch-Site": site}
+        assert http.post(JOBS, json={"scenario": "line"}, headers=told).status_code == 403
+        reads = http.get(JOBS, headers={**told, "Sec-Fetch-Mode": "no-cors"}).status_code
+        assert reads == (403 if site == "cross-site" else 200)
+        assert http.get("/", headers={**told, "Sec-Fetch-Mode": "navigate"}).status_code == 200
+
+
+def test_no_answer_may_be_embedded_by_a_page_of_elsewhere(tmp_path: Path) -> None:
+    with idle_service(tmp_path) as (http, _):
+        for answer in (http.get(JOBS), http.get("/nothing"), http.get(JOBS, headers={"Host": "evil.example"})):
+            assert answer.headers["cross-origin-resource-policy"] == "same-origin"
+            assert answer.headers["x-content-type-options"] == "nosniff"
+
+
+def test_long_addresses_and_headers_are_refused(tmp_path: Path) -> None:
+    with idle_service(tmp_path) as (http, _):
+        assert http.get(f"{JOBS}?cursor={'1' * 8_000}").status_code == 414
+        answer = http.get(JOBS, headers={"X-Long": "x" * 16_001})
+    assert (answer.status_code, answer.headers["content-type"]) == (431, "application/problem+json")
+
+
 def test_a_key_is_asked_for_everywhere_but_at_the_health_checks(tmp_path: Path) -> None:
     with idle_service(tmp_path, host="0.0.0.0", api_key=KEY) as (http, _):
         for path in ("/", JOBS, "/openapi.json", "/version", "/nothing", "/recordings/a.rrd"):

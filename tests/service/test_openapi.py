@@ -25,6 +25,15 @@ OPERATIONS = {
     "get_log": "GET /api/v1/jobs/{job_id}/log",
     "get_artefact": "GET /api/v1/jobs/{job_id}/artefacts/{name}",
     "get_recording": "GET /recordings/{job_id}.rrd",
+    "create_upload": "POST /api/v1/uploads",
+    "list_uploads": "GET /api/v1/uploads",
+    "get_upload": "GET /api/v1/uploads/{upload_id}",
+    "get_upload_content": "GET /api/v1/uploads/{upload_id}/content",
+    "delete_upload": "DELETE /api/v1/uploads/{upload_id}",
+    "list_keys": "GET /api/v1/keys",
+    "create_key": "POST /api/v1/keys",
+    "get_key": "GET /api/v1/keys/{key_id}",
+    "revoke_key": "DELETE /api/v1/keys/{key_id}",
     "list_scenarios": "GET /api/v1/scenarios",
     "get_scenario": "GET /api/v1/scenarios/{name}",
     "clear_jobs": "POST /api/v1/gc",
@@ -70,3 +79,25 @@ def test_every_reference_leads_somewhere_and_the_request_has_examples(document: 
         assert part.partition('"')[0] in schemas
     assert "HTTPValidationError" not in schemas
     assert len(schemas["JobRequest"]["examples"]) == 2
+
+
+def test_every_operation_names_its_scope(document: dict[str, Any]) -> None:
+    for name, (where, operation) in operations(document).items():
+        scopes = {scope for option in operation["security"] for found in option.values() for scope in found}
+        if where.endswith(("/healthz", "/readyz")):
+            assert scopes == set(), name
+        elif "/keys" in where:
+            assert scopes == {"admin"}, name
+        elif where.startswith("GET"):
+            assert scopes == {"read"}, name
+        else:
+            assert scopes <= {"submit", "admin"}, name
+            assert len(scopes) == 1, name
+        assert not any(field.startswith("x-") for field in operation), name
+    assert set(document["components"]["securitySchemes"]) == {"key", "login"}
+
+
+def test_every_operation_tells_its_refusals(document: dict[str, Any]) -> None:
+    for name, (where, operation) in operations(document).items():
+        if "/api/" in where:
+            assert {"401", "403", "421", "422", "429"} <= set(operation["responses"]), name

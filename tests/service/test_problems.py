@@ -11,6 +11,7 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from starlette.testclient import TestClient
 
+from service.limits import Limits
 from service.problems import shown
 from tests.service.http import idle_service
 
@@ -20,7 +21,7 @@ JSON = {"Content-Type": "application/json"}
 
 @pytest.fixture
 def http(tmp_path: Path) -> Iterator[TestClient]:
-    with idle_service(tmp_path, maximum_body_bytes=20_000) as (client, _):
+    with idle_service(tmp_path, limits=Limits(body_mb=0.02)) as (client, _):
         yield client
 
 

@@ -1,10 +1,17 @@
 from __future__ import annotations
 
+import re
+from dataclasses import fields, replace
 from pathlib import Path
 
 import pytest
+from click.testing import CliRunner
 
-from service.settings import Settings, SettingsError, is_loopback, url_of
+from service.cli import main
+from service.limits import Limits, limits_help
+from service.settings import Settings, SettingsError, is_loopback, url_of, variables_help
+
+ROOT = Path(__file__).resolve().parents[2]
 
 
 def load(**variables: str) -> Settings:
@@ -23,6 +30,18 @@ def test_flags_come_before_variables_and_variables_before_defaults(tmp_path: Pat
         ("NEEDLEBENCH_WORKERS", "3", "must be 1 to 2"),
         ("NEEDLEBENCH_WORKERS", "two", "must be a whole number"),
         ("NEEDLEBENCH_PORT", "65536", "to 65535"),
+        ("NEEDLEBENCH_MAX_BODY_MB", "0", "must be 0.001 to 1000"),
+        ("NEEDLEBENCH_MAX_UPLOAD_MB", "inf", "must be 0.001 to 200"),
+        ("NEEDLEBENCH_MAX_UPLOAD_MB", "many", "must be a number"),
+        ("NEEDLEBENCH_MAX_UPLOADS_MB", "0", "must be 0.001 to"),
+        ("NEEDLEBENCH_MAX_QUEUE", "0", "must be 1 to"),
+        ("NEEDLEBENCH_MAX_QUEUE", "1.5", "must be a whole number"),
+        ("NEEDLEBENCH_MAX_QUEUE_PER_KEY", "-1", "must be 1 to"),
+        ("NEEDLEBENCH_RATE_PER_KEY", "nan", "must be 0 to"),
+        ("NEEDLEBENCH_MAX_NODES", "7", "must be 8 to"),
+        ("NEEDLEBENCH_MAX_STEPS", "1000001", "must be 1 to"),
+        ("NEEDLEBENCH_MAX_JOB_HOURS", "0", "must be 0.001 to"),
+        ("NEEDLEBENCH_JOB_MEMORY_MB", "699", "must be 700 to"),
         ("NEEDLEBENCH_API_KEY", "with space", "without spaces"),
         ("NEEDLEBENCH_API_KEY", "schlüssel", "printable ASCII"),
     ],
@@ -39,6 +58,7 @@ def test_an_address_that_others_reach_needs_a_key_and_the_line_to_type_is_given(
         Settings.load(host=host, port=9000, environ={})
     assert f"needlebench serve --host {host} --port 9000" in str(caught.value)
     assert "NEEDLEBENCH_API_KEY" in str(caught.value)
+    assert "needlebench key create" in str(caught.value)
     assert Settings.load(host=host, environ={"NEEDLEBENCH_API_KEY": "k" * 24}).api_key == "k" * 24
 
 
@@ -60,3 +80,20 @@ def test_what_loopback_is(host: str, local: bool) -> None:
 def test_url_of() -> None:
     assert url_of("0.0.0.0", 1) == "http://127.0.0.1:1"
     assert url_of("::1", 2) == "http://[::1]:2"
+
+
+def test_every_limit_is_read_from_its_variable() -> None:
+    for item in fields(Limits):
+        low, high = item.metadata["low"], item.metadata["high"]
+        value = int(low) + 1 if item.type == "int" else (low + high) / 2
+        limits = load(**{item.metadata["variable"]: f"{value}"}).limits
+        assert getattr(limits, item.name) == value
+        assert limits == replace(Limits(), **{item.name: value})
+
+
+def test_every_variable_is_in_the_help_and_every_variable_in_the_help_is_read() -> None:
+    source = "".join((ROOT / "service" / name).read_text("utf-8") for name in ("settings.py", "limits.py"))
+    told = CliRunner().invoke(main, ["serve", "--help"]).output
+    listed = {name for name, _ in [*variables_help(), *limits_help()]}
+    assert set(re.findall(r"NEEDLEBENCH_[A-Z_]+", source)) == listed
+    assert all(f"  {name} " in told for name in listed)

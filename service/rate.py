@@ -1,0 +1,31 @@
+"""How fast one caller may ask: a token bucket each."""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Callable
+
+_BURST_S = 2.0
+
+
+class Rate:
+    """`per_s` requests a second for each caller, at most two seconds' worth at once. clock: seconds, monotonic."""
+
+    def __init__(self, per_s: float, clock: Callable[[], float]) -> None:
+        self._per_s = per_s
+        self._clock = clock
+        self._lock = threading.Lock()
+        self._buckets: dict[str, tuple[float, float]] = {}
+
+    def wait_s(self, caller: str) -> float:
+        """0 when the request may go on, which is then counted; else the seconds until the next one may."""
+        if not self._per_s:
+            return 0.0
+        most = max(1.0, _BURST_S * self._per_s)
+        with self._lock:
+            now = self._clock()
+            tokens, before = self._buckets.get(caller, (most, now))
+            tokens = min(most, tokens + (now - before) * self._per_s)
+            allowed = tokens >= 1.0
+            self._buckets[caller] = (tokens - allowed, now)
+        return 0.0 if allowed else (1.0 - tokens) / self._per_s
