@@ -79,6 +79,9 @@ class Settings:
             problems.append(Problem("NEEDLEBENCH_WORKERS", self.workers, f"must be 1 to {MAXIMUM_WORKERS}"))
         if self.port is not None and not 0 <= self.port <= 65535:
             problems.append(Problem("--port", self.port, "must be 0 (any free port) to 65535"))
+        if self.minimum_free_bytes < 0:
+            value = self.minimum_free_bytes // 2**20
+            problems.append(Problem("NEEDLEBENCH_MINIMUM_FREE_MB", value, "must be 0 or more"))
         if not 0 <= self.drain_s <= 86400:
             problems.append(Problem("--drain", self.drain_s, "must be 0 to 86400 s"))
         if not self.host:
@@ -145,6 +148,7 @@ def variables_help() -> list[tuple[str, str]]:
         ("NEEDLEBENCH_HOST", "address to listen on; as --host"),
         ("NEEDLEBENCH_PORT", "port to listen on; as --port"),
         ("NEEDLEBENCH_WORKERS", f"jobs at a time, 1 to {MAXIMUM_WORKERS}; default {MAXIMUM_WORKERS}"),
+        ("NEEDLEBENCH_MINIMUM_FREE_MB", f"room below which no job is begun; default {MINIMUM_BYTES // 2**20}"),
         ("NEEDLEBENCH_API_KEY", "a key of scope admin, beside those of `needlebench key`"),
     ]
 
