@@ -6,8 +6,10 @@ BOOTSTRAP = $(or $(PYTHON),python3) bootstrap.py
 BIN := .venv/$(if $(filter Windows_NT,$(OS)),Scripts,bin)
 UV ?= $(firstword $(wildcard $(BIN)/uv) uv)
 ARGS ?=
+MOMENTS ?= 50
+SEED ?= 1
 
-.PHONY: help run env check test test-fast verification models lock image clean
+.PHONY: help run env check test test-fast chaos verification models lock image clean
 
 help:  ## this list
 	@awk -F ':.*## ' '/^[a-z-]+:.*## / { printf "  make %-12s %s\n", $$1, $$2 }' Makefile
@@ -28,6 +30,9 @@ test: check  ## everything: lint, format, types and all tests
 
 test-fast: check  ## the same without the slow tests
 	$(BIN)/python -m pytest -m "not slow" $(ARGS)
+
+chaos: env  ## kill workers and servers at random moments, 50 each (MOMENTS=200 SEED=7 for another run); prints a table
+	NEEDLEBENCH_CHAOS_MOMENTS=$(MOMENTS) NEEDLEBENCH_CHAOS_SEED=$(SEED) $(BIN)/python -m pytest -m chaos tests/chaos $(ARGS)
 
 verification: env  ## run the physics and reproducibility tests and write benchmarks/results/verification.md (SOURCE_DATE=... for its header)
 	SOURCE_DATE="$${SOURCE_DATE:-$$(date -u +%Y-%m-%d)}" \

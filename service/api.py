@@ -164,6 +164,45 @@ def cancel_job(job_id: JobId, service: ServiceOf) -> JobView:
     return JobView.of(service.store.cancel(job_id))
 
 
+@router.post(
+    "/{job_id}/retry",
+    operation_id="retry_job",
+    summary="Run a job again",
+    status_code=status.HTTP_202_ACCEPTED,
+    responses=documented(403, 404, 409, 503),
+)
+def retry_job(job_id: JobId, service: ServiceOf) -> JobView:
+    """Queue a job again that failed, was cancelled or ran out of time; its log goes on, its attempts count on."""
+    service.refuse_when_closing()
+    job = service.store.retry(job_id)
+    service.engine.poke()
+    return JobView.of(job)
+
+
+@router.post(
+    "/{job_id}/pin",
+    operation_id="pin_job",
+    summary="Keep a job",
+    responses=documented(403, 404),
+)
+def pin_job(job_id: JobId, service: ServiceOf) -> JobView:
+    """It is passed over when old jobs are cleared away, and cannot be deleted. Once more is no error."""
+    return JobView.of(service.store.pin(job_id, pinned=True))
+
+
+@router.delete(
+    "/{job_id}/pin",
+    operation_id="unpin_job",
+    summary="Keep a job no longer",
+    status_code=status.HTTP_204_NO_CONTENT,
+    responses=documented(403, 404),
+)
+def unpin_job(job_id: JobId, service: ServiceOf, request: Request) -> None:
+    """It may be cleared away again. Once more is no error. Another key's needs the scope admin."""
+    request.state.caller.must_own(service.store.glance(job_id).owner, f"job {job_id}")
+    service.store.pin(job_id, pinned=False)
+
+
 @router.delete(
     "/{job_id}",
     operation_id="delete_job",

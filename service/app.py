@@ -9,11 +9,25 @@ from typing import Any, cast
 import anyio.to_thread
 from fastapi import FastAPI
 
-from service import api, key_routes, login, openapi, page, problems, results, system, upload_routes
+from service import (
+    api,
+    events,
+    key_routes,
+    login,
+    openapi,
+    ops,
+    page,
+    problems,
+    results,
+    system,
+    upload_routes,
+)
 from service.core import Service
 from service.guard import BodyLimit, HostGuard
 from service.key_guard import KeyGuard
 from service.keys import UnknownKey
+from service.readiness import readings
+from service.request_log import RequestLog
 from service.uploads import UnknownUpload, UploadInUse, UploadsFull
 from service.version import installed_version
 
@@ -44,15 +58,17 @@ def create_app(service: Service) -> FastAPI:
         redirect_slashes=False,
     )
     app.state.service = service
+    service.monitor.add(lambda: readings(service))
     app.openapi = openapi.document_of(app)  # type: ignore[method-assign]
     problems.install(app)
     app.add_exception_handler(UnknownUpload, problems.on_unknown)
     app.add_exception_handler(UnknownKey, problems.on_unknown)
     app.add_exception_handler(UploadInUse, problems.on_conflict)
     app.add_exception_handler(UploadsFull, problems.on_no_room)
-    for part in (api, results, upload_routes, key_routes, system, login, page):
+    for part in (api, events, results, upload_routes, key_routes, system, ops, login, page):
         app.include_router(part.router)
     _guard(app, service)
+    app.add_middleware(cast(Any, RequestLog), monitor=service.monitor)
     return app
 
 

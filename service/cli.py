@@ -29,6 +29,11 @@ _COMMANDS = {  # name -> (module, what it does); the order is that of the help
     "paper": ("cli_paper", "Rerun the paper: data set, ELM, insertions, statistics, report."),
     "train": ("cli_learn", "Train the model of a learned controller."),
     "example": ("cli_learn", "Print an example to begin with, such as a controller of your own."),
+    "retry": ("cli_service", "Run a job of a service again that failed or was cancelled."),
+    "recording": ("cli_recording", "Open or fetch the recording of a job."),
+    "verify": ("cli_verify", "Run a result again: does the same come out?"),
+    "gc": ("cli_ops", "Clear away old jobs and their files."),
+    "doctor": ("cli_ops", "Check this installation: versions, cache, disk, port, viewer, data folder."),
     "key": ("cli_key", "Make, list and revoke the API keys of a data folder."),
     "bench": ("cli_bench", "Measure speed and convergence, or compare two measurements."),
 }

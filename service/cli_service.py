@@ -1,4 +1,4 @@
-"""The commands that start a service or talk to one: serve, submit, demo, jobs, show, cancel."""
+"""The commands that start a service or talk to one: serve, submit, demo, jobs, show, cancel, retry."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ import json
 import os
 from collections.abc import Callable
 from pathlib import Path
-from typing import TYPE_CHECKING, TypeVar
+from typing import TYPE_CHECKING, Literal, TypeVar
 
 import click
 
@@ -44,8 +44,26 @@ class Serve(click.Command):
 @click.command(cls=Serve)
 @click.option("--host", metavar="ADDRESS", help="Address to listen on; default 127.0.0.1, this machine only.")
 @click.option("--port", type=click.IntRange(0, 65535), help="Default 8321 or the next free one; 0 = any free one.")
+@click.option(
+    "--drain",
+    "drain_s",
+    type=click.FloatRange(0, 86400),
+    default=0,
+    metavar="SECONDS",
+    help="How long running jobs may go on after SIGTERM or Ctrl-C; default 0: back into the queue at once.",
+)
+@click.option(
+    "--log-format",
+    type=click.Choice(["text", "json"]),
+    default="text",
+    show_default=True,
+    envvar="NEEDLEBENCH_LOG_FORMAT",
+    help="Warnings as text, or everything, requests too, as JSON lines.",
+)
 @data_option
-def serve(host: str | None, port: int | None, data: Path | None) -> None:
+def serve(
+    host: str | None, port: int | None, drain_s: float, log_format: Literal["text", "json"], data: Path | None
+) -> None:
     """Start the HTTP service and run the jobs that are submitted to it, until Ctrl-C.
 
     Jobs, results and recordings are kept in the data folder: a service that was stopped, or killed, has them again
@@ -55,6 +73,7 @@ def serve(host: str | None, port: int | None, data: Path | None) -> None:
     On this machine:          needlebench serve
     One job at a time:        NEEDLEBENCH_WORKERS=1 needlebench serve
     With a folder of its own: needlebench serve --data ./data --port 9000
+    For a log collector:      needlebench serve --log-format json --drain 60
 
     Any address that others can reach needs a key, which clients then send as `Authorization: Bearer KEY`; started
     without one, the command prints the line to type. Keys that are kept, with scopes, come from another command:
@@ -67,10 +86,11 @@ def serve(host: str | None, port: int | None, data: Path | None) -> None:
     `needlebench submit` and the other commands take it from the same variable, a browser at /login. The page with the
     list of jobs is at the address that is printed, the description of the whole interface at /openapi.json.
     """
-    from service import server
+    from service import logs, server
     from service.settings import Settings
 
-    settings = Settings.load(data=data, host=host, port=port)
+    settings = Settings.load(data=data, host=host, port=port, drain_s=drain_s)
+    logs.configure(log_format)
 
     def announce(url: str) -> None:
         if note := server.moved(settings.port, url):
@@ -206,6 +226,21 @@ def cancel(job_id: str, url: str | None) -> None:
     with client_of(url) as client:
         asked(lambda: client.cancel(job_id))
         job = client.wait(job_id, timeout_s=30)
+        click.echo(f"{job.id} {job.state}")
+
+
+@click.command()
+@click.argument("job_id", metavar="JOB")
+@url_option
+def retry(job_id: str, url: str | None) -> None:
+    """Queue a job again that failed, was cancelled or ran out of time, under the same id.
+
+    \b
+    Which ones:               needlebench jobs --state failed
+    One of them:              needlebench retry JOB
+    """
+    with client_of(url) as client:
+        job = asked(lambda: client.retry(job_id))
         click.echo(f"{job.id} {job.state}")
 
 

@@ -11,6 +11,7 @@ from service.changes import Changes
 from service.database import open_database
 from service.engine import Engine
 from service.keys import Keys
+from service.monitor import Monitor
 from service.problems import MEDIA_TYPE, HttpProblem
 from service.schemas import ProblemDetails
 from service.settings import Settings
@@ -26,22 +27,27 @@ class Service:
     store: Store
     engine: Engine
     changes: Changes
+    monitor: Monitor
     keys: Keys
     uploads: Uploads
 
     @classmethod
     def open(cls, settings: Settings) -> Service:
         """The service on its data folder, not yet running. Raises DatabaseTooNew."""
-        changes = Changes()
+        changes, monitor = Changes(), Monitor()
         store = Store(open_database(settings.database), notify=changes.notify, limits=settings.limits)
         keys = Keys(store, environment_key=settings.api_key, always=not settings.loopback)
-        return cls(
-            settings, store, Engine(settings, store), changes, keys, Uploads(settings.uploads, store, settings.limits)
-        )
+        uploads = Uploads(settings.uploads, store, settings.limits)
+        return cls(settings, store, Engine(settings, store, monitor), changes, monitor, keys, uploads)
+
+    @property
+    def closing(self) -> bool:
+        """Whether it takes no new work any more: it drains, or goes down."""
+        return self.changes.closed or self.engine.draining
 
     def refuse_when_closing(self) -> None:
         """Raises a problem of status 503 once no new work is taken."""
-        if self.changes.closed:
+        if self.closing:
             raise HttpProblem(503, "the service is going down", headers={"Retry-After": "10"})
 
 

@@ -20,7 +20,7 @@ from simcore.mesh_file import load_mesh
 from simcore.scenario import Scenario
 from simcore.tissue import free_node_order, half_bandwidth, held_nodes
 
-BASE_MB = 600.0  # Python with every library of a job, Rerun too
+BASE_MB = 400.0  # Python with every library of a job, Rerun too
 STEP_MS, MS_PER_NODE, MS_PER_ENTRY = 1.0, 1.0e-3, 3.0e-6  # entry: one of the factor's band
 EXACT_STEPS, PERTURBATION_STEPS = 12.0, 11.0  # a Jacobian of this kind takes as long as so many steps
 FACTORS = 3  # the matrix, its factor, and the factor of before while the next is made

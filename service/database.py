@@ -3,6 +3,12 @@
 from __future__ import annotations
 
 import json
+import logging
+import os
+import sqlite3
+import time
+from collections.abc import Callable
+from contextlib import closing
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -15,15 +21,20 @@ from sqlalchemy import Connection, Engine, create_engine, event
 
 from simcore.errors import NeedlebenchError
 
-_PRAGMAS = ("journal_mode = WAL", "synchronous = FULL", "foreign_keys = ON", "busy_timeout = 10000")
+_log = logging.getLogger("needlebench")
+_BUSY = "busy_timeout = 10000"
+_PRAGMAS = ("journal_mode = WAL", "synchronous = FULL", "foreign_keys = ON", _BUSY)
 
 
 class DatabaseTooNew(NeedlebenchError):
     """The database was written by a later version of the program."""
 
 
-def open_database(path: Path) -> Engine:
-    """An engine on the SQLite file at `path`, upgraded to the newest tables. Raises DatabaseTooNew."""
+def open_database(path: Path, *, now: Callable[[], float] = time.time) -> Engine:
+    """An engine on the SQLite file at `path`, upgraded to the newest tables. Raises DatabaseTooNew.
+
+    Before an upgrade the file is copied to the folder `backups` beside it. now: UTC seconds since 1970.
+    """
     path.parent.mkdir(parents=True, exist_ok=True)
     engine = create_engine(
         f"sqlite:///{path}",
@@ -34,7 +45,7 @@ def open_database(path: Path) -> Engine:
     event.listen(engine, "connect", _prepare)
     event.listen(engine, "begin", _begin)
     try:
-        _upgrade(engine, path)
+        _upgrade(engine, path, now)
     except BaseException:
         engine.dispose()
         raise
@@ -53,11 +64,63 @@ def _begin(connection: Connection) -> None:
     connection.exec_driver_sql("BEGIN IMMEDIATE" if write else "BEGIN")
 
 
-def _upgrade(engine: Engine, path: Path) -> None:
+def touch(engine: Engine) -> None:
+    """Take the write lock and give it back. Raises SQLAlchemyError when that is not possible within a second."""
+    with engine.connect() as connection:
+        driver = connection.connection.driver_connection
+        assert driver is not None
+        driver.execute("PRAGMA busy_timeout = 1000")
+        try:
+            with connection.execution_options(write=True).begin():
+                connection.exec_driver_sql("SELECT 1")
+        finally:
+            driver.execute(f"PRAGMA {_BUSY}")
+
+
+def revision_of(path: Path) -> str | None:
+    """The revision of the tables in the file; None for one that has none. Raises sqlite3.Error."""
+    with closing(sqlite3.connect(f"{path.absolute().as_uri()}?mode=ro", uri=True)) as connection:
+        known = connection.execute("SELECT 1 FROM sqlite_master WHERE name = 'alembic_version'").fetchone()
+        row = connection.execute("SELECT version_num FROM alembic_version").fetchone() if known else None
+    return None if row is None else str(row[0])
+
+
+def revisions() -> list[str]:
+    """The revisions of the tables that this version knows, the newest first."""
+    return [script.revision for script in ScriptDirectory.from_config(_config()).walk_revisions()]
+
+
+def _config() -> Config:
     config = Config()
     config.set_main_option("script_location", str(Path(__file__).parent / "migrations").replace("%", "%%"))
     config.set_main_option("path_separator", "os")
-    known = {script.revision for script in ScriptDirectory.from_config(config).walk_revisions()}
+    return config
+
+
+def _back_up(path: Path, present: str, now: Callable[[], float]) -> Path:
+    """Copy the database, whole and consistent, to a name that tells revision and time; the copy."""
+    folder = path.parent / "backups"
+    folder.mkdir(exist_ok=True)
+    moment = time.strftime("%Y%m%dT%H%M%SZ", time.gmtime(now()))
+    copy = folder / f"{path.stem}-{present}-{moment}{path.suffix}"
+    draft = copy.with_name(f".{copy.name}.tmp")
+    draft.unlink(missing_ok=True)
+    with closing(sqlite3.connect(path)) as source, closing(sqlite3.connect(draft)) as target:
+        source.backup(target)
+    with draft.open("rb+") as file:
+        os.fsync(file.fileno())
+    draft.replace(copy)
+    return copy
+
+
+def _upgrade(engine: Engine, path: Path, now: Callable[[], float]) -> None:
+    config, ordered = _config(), revisions()
+    known = set(ordered)
+    before = revision_of(path) if path.is_file() else None
+    if before in known and before != ordered[0]:
+        _log.warning(
+            "the database is upgraded from %s to %s; its copy: %s", before, ordered[0], _back_up(path, before, now)
+        )
     with engine.execution_options(write=True).begin() as connection:
         present = set(MigrationContext.configure(connection).get_current_heads())
         if not present <= known:

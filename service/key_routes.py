@@ -7,9 +7,9 @@ from typing import Annotated
 from fastapi import APIRouter, Path, Request, Response, status
 
 from service.access import admin_only
+from service.access_schemas import KeyList, KeyMade, KeyRequest, KeyView
 from service.core import ServiceOf, documented
 from service.problems import HttpProblem
-from service.schemas import KeyList, KeyMade, KeyRequest, KeyView
 
 router = APIRouter(prefix="/api/v1/keys", tags=["keys"])
 

@@ -31,8 +31,9 @@ class HttpProblem(Exception):
         *,
         errors: list[Problem] | None = None,
         headers: Mapping[str, str] | None = None,
+        more: Mapping[str, Any] | None = None,
     ) -> None:
-        self.status, self.detail, self.errors, self.headers = status, detail, errors, headers
+        self.status, self.detail, self.errors, self.headers, self.more = status, detail, errors, headers, more
         super().__init__(detail)
 
 
@@ -43,13 +44,15 @@ def problem_response(
     instance: str | None = None,
     errors: list[Problem] | None = None,
     headers: Mapping[str, str] | None = None,
+    more: Mapping[str, Any] | None = None,
 ) -> Response:
-    """The response of an error. ASCII only, so that no broken text of a request can break it."""
+    """The response of an error, with `more` members. ASCII only: no broken text of a request can break it."""
     body: dict[str, Any] = {"type": "about:blank", "title": _title(status), "status": status, "detail": detail}
     if instance is not None:
         body["instance"] = instance
     if errors is not None:
         body["errors"] = [{"field": item.field, "value": shown(item.value), "message": item.message} for item in errors]
+    body |= more or {}
     content = json.dumps(body, allow_nan=False)
     return Response(content, status_code=status, media_type=MEDIA_TYPE, headers=dict(headers or {}))
 
@@ -101,7 +104,7 @@ def _reply(request: Request, status: int, detail: str, **more: Any) -> Response:
 
 def _on_problem(request: Request, error: Exception) -> Response:
     assert isinstance(error, HttpProblem)
-    return _reply(request, error.status, error.detail, errors=error.errors, headers=error.headers)
+    return _reply(request, error.status, error.detail, errors=error.errors, headers=error.headers, more=error.more)
 
 
 def _on_http(request: Request, error: Exception) -> Response:

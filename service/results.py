@@ -2,17 +2,20 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import AsyncIterator
+from dataclasses import replace
 from pathlib import Path
 from typing import Annotated, Literal
 
 from fastapi import APIRouter, Header, Query, Request, Response
 from starlette.concurrency import run_in_threadpool
-from starlette.responses import FileResponse, StreamingResponse
+from starlette.responses import FileResponse, PlainTextResponse, StreamingResponse
 
 from service import series
 from service.core import JobId, Service, ServiceOf, documented, matches
 from service.jobs import SUCCEEDED, Artefact, Job
+from service.logs import LOG
 from service.problems import HttpProblem
 from service.schemas import ArtefactList, ArtefactView, MetricsView
 from service.tail import tail
@@ -22,6 +25,7 @@ router = APIRouter()
 
 _JOB = "/api/v1/jobs/{job_id}"
 _BINARY = {"schema": {"type": "string", "format": "binary"}}
+_LOG_BYTES = 2**20
 RRD = "application/vnd.rerun.rrd"
 NPZ = "application/x-npz"
 _FORMATS = {"application/json": "json", "text/csv": "csv", NPZ: "npz", "application/octet-stream": "npz"}
@@ -128,6 +132,31 @@ def get_artefact(job_id: JobId, name: str, service: ServiceOf) -> Response:
     media_type = "application/json" if artefact.name.endswith(".json") else "application/octet-stream"
     path = _path(service, artefact)
     return FileResponse(path, media_type=media_type, filename=artefact.name, headers=_tag(artefact))
+
+
+@router.get(
+    f"{_JOB}/log",
+    operation_id="get_log",
+    summary="What a job logged",
+    tags=["results"],
+    response_class=PlainTextResponse,
+    responses={200: {"content": {"text/plain": {"schema": {"type": "string"}}}}, **documented(404)},
+)
+def get_log(
+    job_id: JobId,
+    service: ServiceOf,
+    attempt: Annotated[int | None, Query(ge=1, le=10**6, description="Default: the last one.")] = None,
+) -> Response:
+    """The lines that an attempt has logged, warned and printed so far; of a long log the last megabyte."""
+    job = service.store.glance(job_id)
+    wanted = replace(job, attempt=attempt or job.attempt)
+    try:
+        with (service.settings.data / wanted.folder / LOG).open("rb") as file:
+            file.seek(max(0, file.seek(0, os.SEEK_END) - _LOG_BYTES))
+            text = file.read(_LOG_BYTES)
+    except OSError:
+        raise HttpProblem(404, f"attempt {wanted.attempt} of job {job_id} has left no log") from None
+    return PlainTextResponse(text.decode(errors="replace"), headers={"Cache-Control": "no-cache"})
 
 
 @router.get(

@@ -7,10 +7,7 @@ from typing import Annotated, Any, Literal, Self
 
 from pydantic import BaseModel, ConfigDict, Field, WithJsonSchema, field_validator
 
-from service.jobs import SUCCEEDED, Artefact, Job
-from service.keys import ApiKey
-from service.upload_names import SCHEME
-from service.uploads import Upload
+from service.jobs import SUCCEEDED, Artefact, Event, Job
 
 State = Literal["queued", "running", "succeeded", "failed", "cancelled", "timed_out"]
 
@@ -72,7 +69,7 @@ class Progress(BaseModel):
 
 
 class JobError(BaseModel):
-    """Why a job did not succeed. kind: exception, out_of_memory, worker_died, timed_out."""
+    """Why a job did not succeed. kind: exception, disk, out_of_memory, worker_died, timed_out."""
 
     kind: str
     message: str
@@ -83,6 +80,8 @@ class Links(BaseModel):
 
     self: str
     cancel: str
+    events: str
+    log: str
     metrics: str | None
     series: str | None
     recording: str | None
@@ -98,6 +97,7 @@ class JobSummary(BaseModel):
     attempt: int = Field(description="How often it was started; 0 = not yet.")
     priority: int
     timeout_s: float
+    pinned: bool = Field(description="Kept whatever is cleared away.")
     progress: Progress
     metrics: dict[str, Any] | None
     error: JobError | None
@@ -117,6 +117,7 @@ class JobSummary(BaseModel):
             "attempt": job.attempt,
             "priority": job.priority,
             "timeout_s": job.timeout_s,
+            "pinned": job.pinned,
             "progress": Progress.of(job),
             "metrics": job.metrics,
             "error": None if kind is None else JobError(kind=kind, message=job.error or ""),
@@ -141,6 +142,28 @@ class JobView(JobSummary):
     @classmethod
     def of(cls, job: Job) -> Self:
         return cls(**cls.fields_of(job), scenario=(job.spec or {})["scenario"], result=job.result)
+
+
+class EventView(BaseModel):
+    """One entry of the log of a job. id: goes up over all jobs."""
+
+    id: int
+    job: str
+    kind: str
+    attempt: int
+    at: datetime
+    data: dict[str, Any] | None
+
+    @classmethod
+    def of(cls, event: Event) -> Self:
+        at = datetime.fromtimestamp(event.at, UTC)
+        return cls(id=event.seq, job=event.job_id, kind=event.kind, attempt=event.attempt, at=at, data=event.data)
+
+
+class EventList(BaseModel):
+    """Events, oldest first, at most 1000; the next ones come with `after` = the id of the last."""
+
+    items: list[EventView]
 
 
 class JobPage(BaseModel):
@@ -179,85 +202,6 @@ class ArtefactList(BaseModel):
     items: list[ArtefactView]
 
 
-class UploadView(BaseModel):
-    """A file that was sent in. `reference` is what a scenario writes to name it."""
-
-    id: str
-    reference: str
-    kind: Literal["mesh", "model"]
-    name: str = Field(description="What its sender calls it.")
-    bytes: int
-    sha256: str
-    content: dict[str, Any] = Field(description="What was found in it: nodes, tetrahedra, arrays, members.")
-    created_at: datetime
-    url: str = Field(description="Where its content is.")
-
-    @classmethod
-    def of(cls, upload: Upload) -> Self:
-        names = ("id", "kind", "name", "bytes", "sha256", "content")
-        return cls(
-            **{name: getattr(upload, name) for name in names},
-            reference=f"{SCHEME}{upload.id}",
-            created_at=datetime.fromtimestamp(upload.created_at, UTC),
-            url=f"/api/v1/uploads/{upload.id}/content",
-        )
-
-
-class UploadList(BaseModel):
-    items: list[UploadView]
-
-
-Scope = Literal["read", "submit", "admin"]
-
-
-class KeyRequest(BaseModel):
-    """An API key to be made."""
-
-    model_config = ConfigDict(extra="forbid", json_schema_extra={"examples": [{"scope": "submit", "note": "nightly"}]})
-
-    scope: Scope = Field(description="Steps: admin includes submit, submit includes read.")
-    note: str = Field("", max_length=200, description="Whose it is or what for; printable characters.")
-
-    @field_validator("note")
-    @classmethod
-    def _printable(cls, value: str) -> str:
-        if not value.isprintable():
-            raise ValueError("must be printable characters")
-        return value
-
-
-class KeyView(BaseModel):
-    """An API key without its secret. used_at is kept to the minute."""
-
-    id: str
-    scope: Scope
-    note: str
-    created_at: datetime
-    used_at: datetime | None
-    revoked_at: datetime | None
-
-    @classmethod
-    def of(cls, key: ApiKey) -> Self:
-        return cls(
-            id=key.id,
-            scope=key.scope,
-            note=key.note,
-            created_at=datetime.fromtimestamp(key.created_at, UTC),
-            used_at=moment(key.used_at),
-            revoked_at=moment(key.revoked_at),
-        )
-
-
-class KeyMade(KeyView):
-    """An API key that was made just now."""
-
-    key: str = Field(description="What to send as Authorization: Bearer KEY; it is not shown again.")
-
-
-class KeyList(BaseModel):
-    items: list[KeyView]
-
-
 class ScenarioInfo(BaseModel):
     """A built-in scenario."""
 
@@ -268,17 +212,6 @@ class ScenarioInfo(BaseModel):
 
 class ScenarioList(BaseModel):
     items: list[ScenarioInfo]
-
-
-class Health(BaseModel):
-    status: Literal["ok"] = "ok"
-
-
-class Readiness(BaseModel):
-    status: Literal["ready", "starting"]
-    workers: int = Field(description="Slots for jobs.")
-    workers_ready: int = Field(description="Slots with a warm worker process.")
-    problem: str | None
 
 
 class Version(BaseModel):
@@ -317,6 +250,8 @@ def links_of(job: Job) -> Links:
     return Links(
         self=base,
         cancel=f"{base}/cancel",
+        events=f"{base}/events",
+        log=f"{base}/log",
         metrics=f"{base}/metrics" if done else None,
         series=f"{base}/series" if done else None,
         recording=f"/recordings/{job.id}.rrd" if job.started_at is not None else None,

@@ -7,17 +7,21 @@ import contextlib
 import errno
 import json
 import logging
+import math
 import os
 import signal
 import socket
 import sys
 import threading
-from collections.abc import Callable
+import time
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from types import FrameType
 
 import uvicorn
+from sqlalchemy.exc import DatabaseError
 
+from service import logs
 from service.app import create_app
 from service.core import Service
 from service.lock import Busy, held
@@ -25,6 +29,7 @@ from service.progress import replace_text
 from service.settings import DEFAULT_PORT, Settings, url_of
 from simcore.errors import NeedlebenchError
 
+_log = logging.getLogger(logs.ROOT)
 ENDPOINT = "endpoint.json"
 _PORTS_TRIED = 50
 _GRACE_S = 3
@@ -35,19 +40,18 @@ class CannotServe(NeedlebenchError):
 
 
 def serve(settings: Settings, *, announce: Callable[[str], None], until_stdin_closes: bool = False) -> None:
-    """Serve until SIGINT or SIGTERM; running jobs then go back into the queue.
+    """Serve until SIGINT or SIGTERM; running jobs then end within `settings.drain_s` or go back into the queue.
 
     announce: hears the address once the service listens. until_stdin_closes: end with the process
     that holds the other end of standard input. Raises CannotServe, DatabaseTooNew.
     """
-    settings.data.mkdir(parents=True, exist_ok=True)
     with contextlib.ExitStack() as stack:
-        try:
+        with _told(settings.data):
+            settings.data.mkdir(parents=True, exist_ok=True)
             stack.enter_context(held(settings.data / "server.lock"))
-        except Busy as busy:
-            raise CannotServe(_taken(settings.data, str(busy))) from None
         listener = stack.enter_context(contextlib.closing(listen(settings.host, settings.port)))
-        service = Service.open(settings)
+        with _told(settings.data):
+            service = Service.open(settings)
         url = url_of(settings.host, listener.getsockname()[1])
         server = _Server(service, url, announce)
         if until_stdin_closes:
@@ -59,6 +63,19 @@ def serve(settings: Settings, *, announce: Callable[[str], None], until_stdin_cl
             pass
         finally:
             signal.signal(signal.SIGTERM, previous)
+
+
+@contextlib.contextmanager
+def _told(data: Path) -> Iterator[None]:
+    """What is wrong with a data folder in words that say what to do. Raises CannotServe."""
+    try:
+        yield
+    except Busy as busy:
+        raise CannotServe(_taken(data, str(busy))) from None
+    except (OSError, DatabaseError) as error:
+        reason = error.strerror if isinstance(error, OSError) else error.orig
+        advice = "make it writable for this user, free space on its disk, or choose another folder with --data"
+        raise CannotServe(f"the data folder {data} cannot be used: {reason}; {advice}") from None
 
 
 def listen(host: str, port: int | None) -> socket.socket:
@@ -103,6 +120,7 @@ class _Server(uvicorn.Server):
     def __init__(self, service: Service, url: str, announce: Callable[[str], None]) -> None:
         config = uvicorn.Config(
             create_app(service),
+            log_config=None,
             log_level="warning",
             access_log=False,
             server_header=False,
@@ -111,12 +129,34 @@ class _Server(uvicorn.Server):
         )
         super().__init__(config)
         self._service, self._url, self._announce = service, url, announce
+        self._drain_until = -math.inf
+
+    async def on_tick(self, counter: int) -> bool:
+        """Whether to shut down: asked to, and what was to be waited for has ended."""
+        return await super().on_tick(counter) and self._drained()
+
+    def _drained(self) -> bool:
+        engine, now = self._service.engine, time.monotonic()
+        if not engine.draining:
+            engine.drain()
+            self._drain_until = now + self._service.settings.drain_s
+        return engine.busy == 0 or now >= self._drain_until
+
+    def handle_exit(self, sig: int, frame: FrameType | None) -> None:
+        """A second signal ends the waiting for running jobs, a third one uvicorn's."""
+        if self.should_exit and time.monotonic() < self._drain_until:
+            self._drain_until = -math.inf
+            return
+        super().handle_exit(sig, frame)
 
     async def startup(self, sockets: list[socket.socket] | None = None) -> None:
         await super().startup(sockets=sockets)
         if self.started:
             data = self._service.settings.data
-            await asyncio.to_thread(replace_text, data / ENDPOINT, json.dumps({"url": self._url}))
+            try:
+                await asyncio.to_thread(replace_text, data / ENDPOINT, json.dumps({"url": self._url}))
+            except OSError as error:  # a full disk: who asks for the address must be told by hand
+                _log.warning("%s cannot be written: %s", ENDPOINT, error)
             self._announce(self._url)
 
     async def shutdown(self, sockets: list[socket.socket] | None = None) -> None:
@@ -145,7 +185,7 @@ def _taken(data: Path, holder: str) -> str:
 
 def main() -> None:
     """Serve by environment variables alone, as the demo does; ends with whoever started it."""
-    logging.basicConfig(level=logging.WARNING, format="%(levelname)s %(message)s")
+    logs.configure("text")
     try:
         serve(Settings.load(), announce=lambda line: print(line, flush=True), until_stdin_closes=True)
     except NeedlebenchError as error:

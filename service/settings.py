@@ -14,6 +14,7 @@ from pathlib import Path
 from platformdirs import user_data_path
 
 from service.api_key import keys_exist
+from service.disk import MINIMUM_BYTES
 from service.limits import Limits, SettingsError
 from simcore.errors import Problem
 
@@ -57,6 +58,8 @@ class Settings:
     """Everything that the service can be told.
 
     data: folder of the database, the results and the recordings. port: None = the default one or the next free.
+    minimum_free_bytes: room on the disk below which no job is begun.
+    drain_s: how long running jobs may go on once the service was told to end; then they go back into the queue.
     runner: `module:function` that does a job in a worker process; tests replace it.
     """
 
@@ -65,6 +68,8 @@ class Settings:
     port: int | None = None
     workers: int = MAXIMUM_WORKERS
     api_key: str | None = field(default=None, repr=False)
+    minimum_free_bytes: int = MINIMUM_BYTES
+    drain_s: float = 0.0
     limits: Limits = field(default_factory=Limits)
     runner: str = RUNNER
 
@@ -74,6 +79,11 @@ class Settings:
             problems.append(Problem("NEEDLEBENCH_WORKERS", self.workers, f"must be 1 to {MAXIMUM_WORKERS}"))
         if self.port is not None and not 0 <= self.port <= 65535:
             problems.append(Problem("--port", self.port, "must be 0 (any free port) to 65535"))
+        if self.minimum_free_bytes < 0:
+            value = self.minimum_free_bytes // 2**20
+            problems.append(Problem("NEEDLEBENCH_MINIMUM_FREE_MB", value, "must be 0 or more"))
+        if not 0 <= self.drain_s <= 86400:
+            problems.append(Problem("--drain", self.drain_s, "must be 0 to 86400 s"))
         if not self.host:
             problems.append(Problem("--host", self.host, "must be an address, as in 127.0.0.1"))
         problems.extend(self._key_problems())
@@ -115,6 +125,7 @@ class Settings:
         data: Path | None = None,
         host: str | None = None,
         port: int | None = None,
+        drain_s: float = 0.0,
         environ: Mapping[str, str] = os.environ,
     ) -> Settings:
         """Flags first, then environment variables, then defaults. Raises SettingsError."""
@@ -124,6 +135,8 @@ class Settings:
             port=port if port is not None else _whole(environ, "NEEDLEBENCH_PORT", None),
             workers=_whole(environ, "NEEDLEBENCH_WORKERS", MAXIMUM_WORKERS) or 0,
             api_key=environ.get("NEEDLEBENCH_API_KEY") or None,
+            minimum_free_bytes=(_whole(environ, "NEEDLEBENCH_MINIMUM_FREE_MB", MINIMUM_BYTES // 2**20) or 0) * 2**20,
+            drain_s=drain_s,
             limits=Limits.load(environ),
         )
 
@@ -135,6 +148,7 @@ def variables_help() -> list[tuple[str, str]]:
         ("NEEDLEBENCH_HOST", "address to listen on; as --host"),
         ("NEEDLEBENCH_PORT", "port to listen on; as --port"),
         ("NEEDLEBENCH_WORKERS", f"jobs at a time, 1 to {MAXIMUM_WORKERS}; default {MAXIMUM_WORKERS}"),
+        ("NEEDLEBENCH_MINIMUM_FREE_MB", f"room below which no job is begun; default {MINIMUM_BYTES // 2**20}"),
         ("NEEDLEBENCH_API_KEY", "a key of scope admin, beside those of `needlebench key`"),
     ]
 

@@ -3,29 +3,44 @@
 from __future__ import annotations
 
 import logging
+import math
 import shutil
 import threading
 import time
 from collections.abc import Callable
 from concurrent.futures import Future, wait
+from dataclasses import dataclass
 from typing import Any
 
-from sqlalchemy.exc import SQLAlchemyError
+from sqlalchemy.exc import DBAPIError, SQLAlchemyError
 
 from service import pool, progress, worker
+from service.checks import disk_check
 from service.jobs import CANCELLED, FAILED, SUCCEEDED, TIMED_OUT, Artefact, IllegalTransition, Job, Outcome
+from service.logs import ROOT
 from service.memory import resident_mb
+from service.monitor import Monitor
 from service.settings import Settings
 from service.store import Store
 
-_log = logging.getLogger("needlebench")
+_log = logging.getLogger(ROOT)
 _TICK_S = 0.1
 _IDLE_S = 0.5
 _FIRST_PAUSE_S, _LONGEST_PAUSE_S = 1.0, 30.0
 
 
+@dataclass(frozen=True)
+class Signals:
+    """What all slots of an engine listen to: end at once, begin nothing new, there is something to do."""
+
+    stopping: threading.Event
+    draining: threading.Event
+    news: threading.Condition
+
+
 class Slot(threading.Thread):
-    """A thread with a worker process. `pid` is that of a warm worker; `problem` says why there is none.
+    """A thread with a worker process. `pid` is that of a warm worker, `problem` says why there is none; `job_id` is
+    that of the job it sees through.
 
     The thread that starts a worker must outlive it: Linux tells a child of the death of its parent's thread.
     """
@@ -34,17 +49,22 @@ class Slot(threading.Thread):
         self,
         settings: Settings,
         store: Store,
-        stopping: threading.Event,
-        news: threading.Condition,
+        signals: Signals,
+        monitor: Monitor,
         number: int,
     ) -> None:
         super().__init__(name=f"slot-{number}", daemon=True)
         self._settings = settings
         self._store = store
-        self._stopping = stopping
-        self._news = news
+        self._stopping = signals.stopping
+        self._draining = signals.draining
+        self._monitor = monitor
+        self._news = signals.news
         self._worker: pool.Worker | None = None
+        self._begun = 0.0
+        self._started_before = False
         self.pid: int | None = None
+        self.job_id: str | None = None
         self.problem: str | None = None
 
     def run(self) -> None:
@@ -56,7 +76,8 @@ class Slot(threading.Thread):
             except Exception as error:
                 self.problem = f"{type(error).__name__}: {error}"
                 _log.error("%s pauses for %g s: %s", self.name, pause, self.problem)
-                self._drop_worker()
+                if not isinstance(error, SQLAlchemyError):  # a database that refuses is no fault of the worker's
+                    self._drop_worker()
                 self._stopping.wait(pause)
                 pause = min(2 * pause, _LONGEST_PAUSE_S)
         self._drop_worker()
@@ -66,18 +87,36 @@ class Slot(threading.Thread):
         workman = self._warm_worker()
         if workman is None:
             return
-        job = self._store.claim()
+        self._look_at_disk()
+        job = None if self._draining.is_set() or self.problem else self._store.claim()
         if job is not None:
-            self._see_through(workman, job)
+            self.job_id, self._begun = job.id, time.monotonic()
+            self._monitor.started(job)
+            _log.info("job %s: attempt %d begins", job.id, job.attempt, extra=_named(job))
+            try:
+                self._see_through(workman, job)
+            finally:
+                self.job_id = None
             return
         with self._news:
             self._news.wait(_IDLE_S)
+
+    def _look_at_disk(self) -> None:
+        """Have a problem while there is no room: each job that is begun would fail for want of it."""
+        check = disk_check(self._settings.data, self._settings.minimum_free_bytes)
+        problem = f"{check.found}; {check.advice}" if check.level == "bad" else None
+        if (problem is None) != (self.problem is None):
+            _log.warning("%s: %s", self.name, problem or "there is room on the disk again")
+        self.problem = problem
 
     def _warm_worker(self) -> pool.Worker | None:
         """The worker, started and warmed if need be; None when the engine stops meanwhile."""
         if self._worker is not None and self._worker.alive:
             return self._worker
         self._drop_worker()
+        if self._started_before:
+            self._monitor.restarted()
+        self._started_before = True
         self._worker = pool.Worker()
         warming = self._worker.call(pool.warm, self._settings.runner, str(self._settings.data / "warm.lock"))
         while not self._stopping.is_set():
@@ -101,26 +140,29 @@ class Slot(threading.Thread):
             spec = {**(job.spec or {}), "job_id": job.id, "uploads": str(self._settings.uploads)}
             future = workman.call(worker.execute, self._settings.runner, spec, str(folder))
             outcome = self._watch(workman, job, future)
-        except pool.Lost as loss:
+        except Exception as loss:  # whatever it is, a claimed job must not stay behind without an owner
             self._drop_worker()
-            reason = str(loss)
-            self._settle(lambda: self._store.requeue(job, reason=reason, crashed=True))
+            reason = str(loss) if isinstance(loss, pool.Lost) else f"{type(loss).__name__}: {loss}"
+            _log.warning("job %s, attempt %d: %s", job.id, job.attempt, reason, extra=_named(job))
+            self._settle(job, lambda: self._store.requeue(job, reason=reason, crashed=True))
             return
         if outcome is None:
             self._drop_worker()
-            self._settle(lambda: self._store.requeue(job, reason="the server was stopped", crashed=False))
+            self._settle(job, lambda: self._store.requeue(job, reason="the server was stopped", crashed=False))
         else:
-            self._settle(lambda: self._store.finish(job, outcome))
+            self._settle(job, lambda: self._store.finish(job, outcome))
 
     def _watch(self, workman: pool.Worker, job: Job, future: Future[Any]) -> Outcome | None:
         """Until the attempt ends; None when the engine stops first. Raises Lost when the process died."""
         folder = self._settings.data / job.folder
         deadline = time.monotonic() + job.timeout_s
         known: dict[str, Any] | None = None
+        told = -math.inf
         while not self._stopping.is_set():
             done = bool(wait([future], timeout=_TICK_S).done)
             now = progress.read(folder)
-            cancelled = self._cancelled(job, None if now == known else now)
+            due = now != known and (done or time.monotonic() - told >= progress.INTERVAL_S)
+            cancelled = self._cancelled(job, now if due else None)
             if done:
                 return self._outcome(job, pool.answer(future))
             if not workman.alive:
@@ -132,7 +174,8 @@ class Slot(threading.Thread):
                 return self._cut_short(job, TIMED_OUT, kind="timed_out", message=message)
             if (greed := self._greed()) is not None:
                 return self._cut_short(job, FAILED, kind="out_of_memory", message=greed)
-            known = now
+            if due:
+                known, told = now, time.monotonic()
         return None
 
     def _greed(self) -> str | None:
@@ -167,20 +210,27 @@ class Slot(threading.Thread):
     def _files(self, job: Job, described: list[dict[str, Any]]) -> tuple[Artefact, ...]:
         return tuple(Artefact(**file, path=f"{job.folder}/{file['name']}") for file in described)
 
-    def _settle(self, action: Callable[[], object]) -> None:
+    def _settle(self, job: Job, action: Callable[[], Job]) -> None:
         """Bring the end of an attempt into the store, however long the disk is full."""
         pause = _FIRST_PAUSE_S
         while True:
             try:
-                action()
+                now = action()
+                self._monitor.ended(now.state, time.monotonic() - self._begun)
+                _log.info("job %s is %s", job.id, now.state, extra={**_named(job), "state": now.state})
                 break
             except IllegalTransition as error:
-                _log.warning("%s", error)
+                _log.warning("%s", error, extra=_named(job))
                 break
-            except SQLAlchemyError as error:
+            except DBAPIError as error:
                 _log.error("the end of a job cannot be stored, next try in %g s: %s", pause, error)
                 if self._stopping.wait(pause):
                     return  # the next start finds it running and requeues it
                 pause = min(2 * pause, _LONGEST_PAUSE_S)
         with self._news:
             self._news.notify_all()
+
+
+def _named(job: Job) -> dict[str, Any]:
+    """The fields of a log line that say which job it is about."""
+    return {"job": job.id, "attempt": job.attempt}

@@ -6,11 +6,12 @@ import platform
 from typing import Annotated
 
 from fastapi import APIRouter, Path
-from sqlalchemy.exc import SQLAlchemyError
 
 from service.core import ServiceOf, documented
 from service.problems import HttpProblem
-from service.schemas import Health, Readiness, ScenarioInfo, ScenarioList, Version
+from service.readiness import checks
+from service.schemas import ScenarioInfo, ScenarioList, Version
+from service.schemas_ops import CheckView, Health, Readiness
 from service.version import installed_version
 from simcore.errors import ScenarioError
 from simcore.presets import preset, preset_names
@@ -27,13 +28,14 @@ def get_health() -> Health:
 
 @router.get("/readyz", operation_id="get_readiness", summary="Can it work?", responses=documented(503))
 def get_readiness(service: ServiceOf) -> Readiness:
-    """Reads the database and counts warm workers. Jobs are accepted while workers start."""
-    try:
-        service.store.ping()
-    except SQLAlchemyError:
-        raise HttpProblem(503, "the database cannot be read") from None
-    if service.changes.closed:
-        raise HttpProblem(503, "the service is going down")
+    """Writes to the data folder and the database, looks at the disk and counts warm workers. Jobs are accepted while
+    workers start. A problem of status 503 has the same `checks`."""
+    found = checks(service)
+    views = [CheckView.of(check) for check in found]
+    bad = [f"{check.name}: {check.found}" for check in found if check.level == "bad"]
+    if bad:
+        more = {"checks": [view.model_dump() for view in views]}
+        raise HttpProblem(503, "; ".join(bad), more=more, headers={"Retry-After": "10"})
     engine = service.engine
     ready = engine.ready == engine.slots
     return Readiness(
@@ -41,6 +43,8 @@ def get_readiness(service: ServiceOf) -> Readiness:
         workers=engine.slots,
         workers_ready=engine.ready,
         problem=engine.problem,
+        warnings=[f"{check.name}: {check.found}; {check.advice}" for check in found if check.level == "warn"],
+        checks=views,
     )
 
 

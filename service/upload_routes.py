@@ -13,9 +13,9 @@ from starlette.concurrency import run_in_threadpool
 from starlette.requests import ClientDisconnect
 from starlette.responses import FileResponse
 
+from service.access_schemas import UploadList, UploadView
 from service.core import Service, ServiceOf, documented
 from service.problems import HttpProblem
-from service.schemas import UploadList, UploadView
 from service.upload_check import BadUpload, checked
 from service.upload_names import NAME, SUFFIXES, UPLOAD_ID
 from service.uploads import Upload

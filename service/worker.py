@@ -20,6 +20,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from service.disk import REFUSALS
+from service.logs import LOG, ROOT, job_log
 from service.progress import ProgressFile
 
 if TYPE_CHECKING:
@@ -27,7 +29,8 @@ if TYPE_CHECKING:
     from simcore.rollout import Rollout
     from simcore.scenario import Scenario
 
-KINDS = {"result.json": "result", "series.npz": "series", "recording.rrd": "recording"}
+KINDS = {"result.json": "result", "series.npz": "series", "recording.rrd": "recording", LOG: "log"}
+_log = logging.getLogger(ROOT)
 
 
 class Stopped(BaseException):
@@ -67,12 +70,18 @@ def run_job(spec: dict[str, Any], artefact_dir: Path) -> dict[str, Any]:
     with ExitStack() as stack:
         stack.enter_context(names_mean(UploadLookup(Path(spec["uploads"]))))
         scenario = Scenario.load(spec["scenario"])
+        _log.info(
+            "job %s: scenario %r, %d steps, seed %d", *(spec["job_id"], scenario.name, scenario.steps, scenario.seed)
+        )
+        for warning in scenario.warnings():
+            _log.warning("%s", warning)
         observers: list[Observer] = [ProgressFile(artefact_dir)]
         if scenario.recording.enabled:
             recorder = _recorder(scenario, spec["job_id"], artefact_dir / "recording.rrd")
             observers.append(stack.enter_context(recorder))
         done = rollout.run(scenario, Together(tuple(observers)))
     artefacts.write(done, artefact_dir)
+    _log.info("%s %s success=%s digest=%s", done.status, done.message, done.success, done.digest)
     return done.result()
 
 
@@ -87,7 +96,7 @@ def _recorder(scenario: Scenario, job_id: str, path: Path) -> Iterator[Observer]
     with RerunObserver(path, recording_id=job_id, provenance=origin) as recorder:
         yield recorder
     if recorder.warning is not None:
-        logging.getLogger("needlebench").warning("job %s: %s", job_id, recorder.warning)
+        _log.warning("job %s: %s", job_id, recorder.warning)
 
 
 def execute(runner: str, spec: dict[str, Any], folder: str) -> dict[str, Any]:
@@ -101,19 +110,30 @@ def execute(runner: str, spec: dict[str, Any], folder: str) -> dict[str, Any]:
     with stoppable():
         try:
             target.mkdir(parents=True, exist_ok=True)
-            result = clean(resolve(runner)(spec, target))
-        except MemoryError as failure:
-            error = {"kind": "out_of_memory", "message": _told(spec, failure)}
-        except Exception as failure:
-            error = {"kind": "exception", "message": _told(spec, failure)}
+            with job_log(target / LOG):
+                result, error = _attempted(runner, spec, target)
+        except OSError as failure:  # not even the folder or its log
+            error = {"kind": "disk", "message": _told(spec, failure)}
         files = describe(target)
     cpu_s = time.process_time() - started_s
     return {"result": result, "error": error, "artefacts": files, "cpu_s": cpu_s, "max_rss_mb": peak_rss_mb()}
 
 
+def _attempted(runner: str, spec: dict[str, Any], target: Path) -> tuple[Any, dict[str, str] | None]:
+    """The result, or the error in its place."""
+    try:
+        return clean(resolve(runner)(spec, target)), None
+    except MemoryError as failure:
+        return None, {"kind": "out_of_memory", "message": _told(spec, failure)}
+    except OSError as failure:
+        return None, {"kind": "disk" if failure.errno in REFUSALS else "exception", "message": _told(spec, failure)}
+    except Exception as failure:
+        return None, {"kind": "exception", "message": _told(spec, failure)}
+
+
 def _told(spec: dict[str, Any], failure: Exception) -> str:
     """The exception and the place in our code where it was raised; the whole trace goes to the log."""
-    logging.getLogger("needlebench").error("job %s failed", spec.get("job_id"), exc_info=failure)
+    _log.error("job %s failed", spec.get("job_id"), exc_info=failure)
     last = traceback.extract_tb(failure.__traceback__)[-1]
     return f"{type(failure).__name__}: {failure} ({Path(last.filename).name}, line {last.lineno})"
 

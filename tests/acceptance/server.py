@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import os
 import signal
 import subprocess
@@ -23,12 +24,13 @@ PATIENCE_S = 60.0
 
 
 class Server:
-    """The process; `client` talks to it."""
+    """The process; `client` talks to it. settings: fields of `Settings` that are not the defaults of tests."""
 
-    def __init__(self, data: Path, *, runner: str = FAKE, workers: int = 2) -> None:
+    def __init__(self, data: Path, *, runner: str = FAKE, workers: int = 2, **settings: float) -> None:
         self.data = data
+        more = {"workers": workers, "port": 0, **settings}
         code = "from tests.acceptance.server import main; main()"
-        command = [sys.executable, "-c", code, str(data), runner, str(workers)]
+        command = [sys.executable, "-c", code, str(data), runner, json.dumps(more)]
         self.process = subprocess.Popen(command, cwd=ROOT, stdout=subprocess.PIPE, text=True)
         assert self.process.stdout is not None
         self.url = self.process.stdout.readline().strip()
@@ -36,8 +38,12 @@ class Server:
         self.client = Client(self.url)
 
     def stop(self, number: int = signal.SIGTERM) -> int:
-        self.client.close()
         self.process.send_signal(number)
+        return self.ended()
+
+    def ended(self) -> int:
+        """Its exit code, once it has ended."""
+        self.client.close()
         code = self.process.wait(timeout=PATIENCE_S)
         assert self.process.stdout is not None
         self.process.stdout.close()
@@ -54,8 +60,8 @@ class Server:
 
 
 @contextmanager
-def running_server(data: Path, *, runner: str = FAKE, workers: int = 2) -> Iterator[Server]:
-    server = Server(data, runner=runner, workers=workers)
+def running_server(data: Path, *, runner: str = FAKE, workers: int = 2, **settings: float) -> Iterator[Server]:
+    server = Server(data, runner=runner, workers=workers, **settings)
     try:
         yield server
     finally:
@@ -63,12 +69,12 @@ def running_server(data: Path, *, runner: str = FAKE, workers: int = 2) -> Itera
             server.stop()
 
 
-def until(condition: Callable[[], bool]) -> None:
+def until(condition: Callable[[], bool], *, patience_s: float = PATIENCE_S, pause_s: float = 0.02) -> None:
     """Wait for something that must come."""
-    end = time.monotonic() + PATIENCE_S
+    end = time.monotonic() + patience_s
     while not condition():
         assert time.monotonic() < end, "waited in vain"
-        time.sleep(0.02)
+        time.sleep(pause_s)
 
 
 def alive(pid: int) -> bool:
@@ -97,7 +103,7 @@ def children(pid: int) -> list[int]:
 
 def main() -> None:
     """What the process of `Server` runs."""
-    data, runner, workers = sys.argv[1:4]
+    data, runner, more = sys.argv[1:4]
     limits = Limits.load(os.environ)
-    settings = Settings(data=Path(data), port=0, runner=runner or RUNNER, workers=int(workers), limits=limits)
+    settings = Settings(data=Path(data), runner=runner or RUNNER, limits=limits, **json.loads(more))
     serve(settings, announce=lambda url: print(url, flush=True))

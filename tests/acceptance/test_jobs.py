@@ -40,6 +40,10 @@ def test_a_job_that_raises_has_failed_and_is_not_tried_again(server: Server) -> 
     assert done.error is not None
     assert done.error["kind"] == "exception"
     assert "ValueError: asked to" in done.error["message"]
+    log = server.client.log(done.id)
+    assert "INFO this is raises\n" in log
+    assert "Traceback" in log
+    assert [file["name"] for file in server.client.artefacts(done.id)] == ["job.log"]
 
 
 def test_a_running_job_is_cancelled_and_its_worker_gone(server: Server) -> None:

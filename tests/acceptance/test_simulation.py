@@ -67,6 +67,18 @@ def test_a_job_gives_bit_for_bit_what_a_run_in_this_process_gives(server: Server
     assert stored == done.result
 
 
+def test_a_job_is_verified_and_its_recording_fetched(server: Server, tmp_path: Path) -> None:
+    done = server.client.wait(server.client.submit(SHORT).id)
+    told = needlebench("verify", done.id, "--url", server.url, data=tmp_path)
+    assert (told.returncode, told.stdout.splitlines()[0]) == (0, "identical: every bit of every state"), told.stderr
+    assert server.client.verify(done.id).reproduced
+    assert f"digest={(done.result or {})['digest']}" in server.client.log(done.id)
+    target = tmp_path / "a.rrd"
+    told = needlebench("recording", "fetch", done.id, str(target), "--url", server.url, data=tmp_path)
+    assert (told.returncode, told.stdout) == (0, f"{target}\n"), told.stderr
+    assert target.read_bytes()[:4] == b"RRF2"
+
+
 def test_an_uploaded_mesh_gives_bit_for_bit_what_its_file_gives(server: Server, tmp_path: Path) -> None:
     path, _ = write_box(tmp_path, "box.vtu")
     sent = needlebench("upload", str(path), "--url", server.url, data=tmp_path)

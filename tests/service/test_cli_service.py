@@ -15,7 +15,24 @@ def needlebench(*words: str, **variables: str) -> Result:
     return CliRunner().invoke(main, words, env={**dict.fromkeys(names), **variables})
 
 
-@pytest.mark.parametrize("command", ["serve", "submit", "demo", "jobs", "show", "cancel", "upload", "uploads", "key"])
+COMMANDS = (
+    "serve",
+    "submit",
+    "demo",
+    "jobs",
+    "show",
+    "cancel",
+    "retry",
+    "verify",
+    "gc",
+    "doctor",
+    "upload",
+    "uploads",
+    "key",
+)
+
+
+@pytest.mark.parametrize("command", COMMANDS)
 def test_help_teaches_by_example(command: str) -> None:
     told = needlebench(command, "--help")
     assert told.exit_code == 0

@@ -80,7 +80,7 @@ FINE = {"tissue": {"element_size_mm": 3}, "trajectory": {"target_mm": [18, 31, 1
         (DEMO, Limits(nodes=1000), "tissue.element_size_mm", "gives 1617 nodes, at most 1000 are allowed here"),
         (DEMO, Limits(steps=100), "dt_s", "at most 100 are allowed here"),
         (DEMO, Limits(job_hours=0.001), "dt_s", "hours, at most 0.001 are allowed here"),
-        (FINE, Limits(job_memory_mb=800), "tissue.element_size_mm", "MB, at most 800 are allowed here"),
+        (FINE, Limits(job_memory_mb=750), "tissue.element_size_mm", "MB, at most 750 are allowed here"),
     ],
     ids=["nodes", "steps", "time", "memory"],
 )

@@ -1,0 +1,148 @@
+"""A disk that is full or read-only, a database that is locked, a clock that is set back: told clearly, nothing is
+broken, and it goes on when it is mended. The disks are real ones, in memory (Linux, as root)."""
+
+from __future__ import annotations
+
+import os
+import sqlite3
+import subprocess
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from service import worker
+from service.client import ServiceError
+from service.server import CannotServe, serve
+from service.settings import Settings
+from tests.acceptance.server import Server, running_server, until
+
+pytestmark = pytest.mark.slow
+
+
+def mount(*words: str) -> bool:
+    return subprocess.run(["mount", *words], capture_output=True, check=False).returncode == 0
+
+
+@pytest.fixture
+def small_disk(tmp_path: Path) -> Iterator[Path]:
+    """A disk of 16 MB of its own."""
+    folder = tmp_path / "disk"
+    folder.mkdir()
+    if sys.platform != "linux" or os.geteuid() != 0 or not mount("-t", "tmpfs", "-o", "size=16m", "tmpfs", str(folder)):
+        pytest.skip("mounting a disk needs root on Linux")
+    yield folder
+    subprocess.run(["umount", "--lazy", str(folder)], check=True)
+
+
+def fill(disk: Path) -> Path:
+    """A file that takes all that is left."""
+    filler = disk / "filler"
+    with filler.open("wb", buffering=0) as file:
+        for size in (65536, 4096, 512, 1):
+            try:
+                while file.write(b"x" * size):
+                    pass
+            except OSError:
+                continue
+    return filler
+
+
+def submit_many(server: Server) -> None:
+    for _ in range(50):
+        server.client.submit({"name": "quick"}, priority=-100)
+
+
+def check_whole(database: Path) -> None:
+    with sqlite3.connect(database) as connection:
+        assert connection.execute("PRAGMA integrity_check").fetchone() == ("ok",)
+    connection.close()
+
+
+def level(server: Server, name: str) -> str:
+    """Of one check, whether the service is ready or not."""
+    answer = server.client._http.get("/readyz").json()
+    return str(next(check["level"] for check in answer["checks"] if check["name"] == name))
+
+
+def test_a_full_disk_is_told_and_nothing_is_lost(small_disk: Path) -> None:
+    with running_server(small_disk, minimum_free_bytes=0) as server:
+        kept = server.client.wait(server.client.submit({"name": "quick"}).id)
+        running = server.running("long")
+        filler = fill(small_disk)
+        with pytest.raises(ServiceError, match="full") as refused:
+            submit_many(server)  # the database may have some room of its own left
+        assert refused.value.status == 503
+        assert level(server, "disk") in ("warn", "bad")
+        assert server.client.job(kept.id).result == kept.result
+        filler.unlink()
+        ended = server.client.wait(running.id, timeout_s=120)
+        if ended.state == "failed":  # it wrote while there was no room
+            assert (ended.error or {})["kind"] == "disk"
+            assert "No space left" in (ended.error or {})["message"]
+        later = server.client.submit({"name": "quick"}, priority=100)
+        assert server.client.wait(later.id, timeout_s=120).state == "succeeded"
+        until(lambda: level(server, "database") == "ok")
+    check_whole(small_disk / "needlebench.sqlite")
+
+
+def test_no_job_is_begun_without_room_and_all_are_when_there_is(small_disk: Path) -> None:
+    with running_server(small_disk, minimum_free_bytes=32 * 2**20) as server:
+        job = server.client.submit({"name": "quick"})
+        until(lambda: server.client._http.get("/readyz").status_code == 503)
+        told = server.client._http.get("/readyz").json()
+        assert "no job is begun below 32.0 MB" in told["detail"]
+        assert "needlebench gc" in str(told["checks"])
+        assert server.client.job(job.id).state == "queued"
+        assert mount("-o", "remount,size=64m", str(small_disk))
+        assert server.client.wait(job.id, timeout_s=60).state == "succeeded"
+        until(lambda: level(server, "disk") == "warn")
+
+
+def test_a_read_only_data_folder_is_refused_and_served_when_it_can_be_written(small_disk: Path) -> None:
+    with running_server(small_disk) as server:
+        kept = server.client.submit({"name": "long"})
+    assert mount("-o", "remount,ro", str(small_disk))
+    with pytest.raises(CannotServe, match=r"cannot be used: Read-only file system.*--data"):
+        serve(Settings(data=small_disk, port=0), announce=print)
+    assert mount("-o", "remount,rw", str(small_disk))
+    check_whole(small_disk / "needlebench.sqlite")
+    with running_server(small_disk, minimum_free_bytes=0) as again:
+        until(lambda: again.client.job(kept.id).progress.step > 0)
+        again.client.cancel(kept.id)
+
+
+def test_a_locked_database_is_told_and_a_running_job_goes_on(tmp_path: Path) -> None:
+    with running_server(tmp_path) as server:
+        job = server.running("long")
+        holder = sqlite3.connect(tmp_path / "needlebench.sqlite", isolation_level=None)
+        holder.execute("BEGIN IMMEDIATE")
+        before = server.client.job(job.id)
+        with pytest.raises(ServiceError, match="locked") as refused:
+            server.client.submit({"name": "quick"})
+        assert refused.value.status == 503
+        assert level(server, "database") == "bad"
+        holder.rollback()
+        holder.close()
+        until(lambda: server.client.job(job.id).progress.step > before.progress.step)
+        assert server.client.job(job.id).attempt == 1
+        assert server.client.wait(server.client.submit({"name": "quick"}).id, timeout_s=60).state == "succeeded"
+        server.client.cancel(job.id)
+
+
+def test_results_are_whole_or_not_there_when_the_disk_fills_while_they_are_written(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def full(*_: Any, **__: Any) -> None:
+        raise OSError(28, os.strerror(28))
+
+    monkeypatch.setattr("numpy.savez", full)
+    spec = {"scenario": {"name": "quick"}, "job_id": "a"}
+    answer = worker.execute("tests.acceptance.fakes:run_job", spec, str(tmp_path / "1"))
+    assert (answer["result"], answer["error"]["kind"]) == (None, "disk")
+    assert {file["name"] for file in answer["artefacts"]} == {"recording.rrd", "job.log"}
+    monkeypatch.undo()
+    again = worker.execute("tests.acceptance.fakes:run_job", spec, str(tmp_path / "2"))
+    assert again["error"] is None

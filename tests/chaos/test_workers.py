@@ -1,0 +1,58 @@
+"""kill -9 of a worker at random moments of real jobs: that job alone is run again."""
+
+from __future__ import annotations
+
+import os
+import random
+import signal
+import time
+from pathlib import Path
+
+from service.settings import RUNNER
+from tests.acceptance.server import Server, children, running_server, until
+from tests.chaos.jobs import check_digests, check_recordings, crashes, scenario, works_on
+
+
+def test_workers_are_killed(tmp_path: Path, moments: int, chance: random.Random, figures: dict[str, object]) -> None:
+    with running_server(tmp_path, runner=RUNNER) as server:
+        first = server.client.wait(server.client.submit(scenario(0)).id)
+        pace_s = _duration_s(first.raw)
+        ids = [first.id, *(server.client.submit(scenario(number)).id for number in range(1, 6))]
+        killed: list[tuple[str, int]] = []
+        idle = 0
+        while len(killed) + idle < moments:
+            until(lambda: bool(_at_work(server)), patience_s=600, pause_s=0.1)
+            time.sleep(chance.uniform(0, pace_s))
+            busy = _at_work(server) if chance.random() < 0.8 else []  # else also while they start, or wait
+            victim = chance.choice(sorted(busy or children(server.process.pid)))
+            job = works_on(victim)
+            if job is not None and job[1] >= 3:  # a third death would be its last
+                continue
+            os.kill(victim, signal.SIGKILL)
+            if job is None:
+                idle += 1
+            else:
+                killed.append(job)
+            ids.append(server.client.submit(scenario(len(ids))).id)
+        done = [server.client.wait(job, timeout_s=600) for job in ids]
+        assert {job.state for job in done} == {"succeeded"}, [job.error for job in done if job.error]
+        died = {job.id: crashes(server.client, job) for job in done}
+        for job_id, count in died.items():  # a kill may come when the last file is closed, and cost nothing
+            assert count <= sum(job == job_id for job, _ in killed)
+        seen = check_recordings(tmp_path, {(job.id, job.attempt) for job in done})
+        assert seen["whole"] == len(done)
+        check_digests(done)
+    figures.update(kills=len(killed) + idle, of_idle_workers=idle, jobs=len(done), run_again=sum(died.values()))
+    figures.update(lost=0, others_touched=0, recordings=dict(seen))
+
+
+def _at_work(server: Server) -> list[int]:
+    return [pid for pid in children(server.process.pid) if works_on(pid) is not None]
+
+
+def _duration_s(raw: object) -> float:
+    from datetime import datetime
+
+    assert isinstance(raw, dict)
+    started, finished = (datetime.fromisoformat(raw[name]) for name in ("started_at", "finished_at"))
+    return (finished - started).total_seconds()

@@ -1,0 +1,155 @@
+from __future__ import annotations
+
+import json
+import os
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+from click.testing import CliRunner, Result
+from hypothesis import given
+from hypothesis import strategies as st
+from starlette.testclient import TestClient
+
+from service.cli import main
+from service.core import Service
+from service.jobs import Outcome
+from service.retention import Policy, clear, seconds_of
+from service.store import Store
+from simcore.errors import ScenarioError
+from tests.service.http import idle_service
+
+DAY = 86400.0
+
+
+@pytest.fixture
+def both(tmp_path: Path) -> Iterator[tuple[TestClient, Service]]:
+    with idle_service(tmp_path) as pair:
+        yield pair
+
+
+class Clock:
+    """Days since 1970 that a test sets."""
+
+    day = 100.0
+
+    def __call__(self) -> float:
+        return self.day * DAY
+
+
+def ended(service: Service, clock: Clock, days: list[float], *, size: int = 1000) -> tuple[Store, list[str]]:
+    """Jobs that ended on these days, oldest first, with a file each."""
+    store = Store(service.store.engine, now=clock)
+    ids = []
+    for day in days:
+        clock.day = day
+        fields = {"spec": {"scenario": {}}, "spec_hash": "0", "steps": 1, "priority": 0, "timeout_s": 1.0}
+        store.submit(name="a", **fields)  # type: ignore[arg-type]
+        job = store.claim()
+        assert job is not None
+        folder = service.settings.data / job.folder
+        folder.mkdir(parents=True)
+        (folder / "recording.rrd").write_bytes(b"x" * size)
+        store.finish(job, Outcome(state="succeeded", result={}))
+        ids.append(job.id)
+    clock.day = 100.0
+    return store, ids
+
+
+def cleared(service: Service, policy: Policy, days: list[float], *, pin: int | None = None) -> list[int]:
+    """Which of the jobs went, by their place in the list; files and rows must go together."""
+    store, ids = ended(service, Clock(), days)
+    if pin is not None:
+        store.pin(ids[pin], pinned=True)
+    told = clear(store, service.settings.jobs, policy, dry_run=True)
+    assert store.ids() == set(ids)
+    done = clear(store, service.settings.jobs, policy, dry_run=False)
+    assert done == told
+    assert done.bytes == 1000 * len(done.jobs)
+    assert (done.kept, done.kept_bytes) == (len(ids) - len(done.jobs), 1000 * (len(ids) - len(done.jobs)))
+    assert set(os.listdir(service.settings.jobs)) == store.ids() == set(ids) - set(done.jobs)
+    return [ids.index(job) for job in done.jobs]
+
+
+DAYS = [10.0, 50.0, 69.0, 71.0, 99.0]
+
+
+@pytest.mark.parametrize(
+    ("policy", "gone"),
+    [
+        (Policy(), []),
+        (Policy(older_than_s=30 * DAY), [0, 1, 2]),
+        (Policy(keep_last=2), [0, 1, 2]),
+        (Policy(older_than_s=30 * DAY, keep_last=4), [0]),
+        (Policy(max_bytes=3500), [0, 1]),
+        (Policy(max_bytes=0), [0, 1, 2, 3, 4]),
+        (Policy(max_bytes=0, keep_last=3), [0, 1]),
+        (Policy(older_than_s=60 * DAY, max_bytes=4000), [0]),
+    ],
+)
+def test_jobs_go_by_age_number_and_size(both: tuple[TestClient, Service], policy: Policy, gone: list[int]) -> None:
+    assert cleared(both[1], policy, DAYS) == gone
+
+
+def test_pinned_and_active_jobs_stay(both: tuple[TestClient, Service]) -> None:
+    http, service = both
+    active = http.post("/api/v1/jobs", json={"scenario": "line"}).json()["id"]
+    service.store.claim()
+    store, ids = ended(service, Clock(), DAYS)
+    store.pin(ids[0], pinned=True)
+    done = clear(store, service.settings.jobs, Policy(max_bytes=0), dry_run=False)
+    assert list(done.jobs) == ids[1:]
+    assert store.ids() == {active, ids[0]}
+
+
+def test_folders_without_a_job_and_of_earlier_attempts_are_swept(both: tuple[TestClient, Service]) -> None:
+    """What a kill between the removal of a row and that of its files leaves, and what a crashed attempt left."""
+    http, service = both
+    folder = service.settings.jobs
+    _, (kept,) = ended(service, Clock(), [99.0])
+    (folder / "0123456789abcdef" / "1").mkdir(parents=True)
+    (folder / "0123456789abcdef" / "1" / "job.log").write_text("12345")
+    job = http.post("/api/v1/jobs", json={"scenario": "line"}).json()["id"]
+    for _ in range(2):
+        running = service.store.claim()
+        assert running is not None
+        (folder / job / str(running.attempt)).mkdir(parents=True)
+        if running.attempt == 1:
+            service.store.requeue(running, reason="signal 9", crashed=True)
+    assert clear(service.store, folder, Policy(), dry_run=False).orphans == ("0123456789abcdef",)
+    service.store.finish(running, Outcome(state="succeeded", result={}))
+    assert clear(service.store, folder, Policy(), dry_run=False).orphans == (f"{job}/1",)
+    assert sorted(os.listdir(folder)) == sorted([kept, job])
+    assert os.listdir(folder / job) == ["2"]
+
+
+def test_over_http_and_on_the_command_line(both: tuple[TestClient, Service]) -> None:
+    http, service = both
+    _, ids = ended(service, Clock(), DAYS)
+    dry = http.post("/api/v1/gc", json={"keep_last": 3, "dry_run": True}).json()
+    assert (dry["jobs"], dry["bytes"]) == (ids[:2], 2000)
+    wrong = http.post("/api/v1/gc", json={"older_than_s": -1})
+    assert (wrong.status_code, wrong.json()["errors"][0]["field"]) == (422, "older_than_s")
+    told = gc("--data", str(service.settings.data), "--keep-last", "3", "--json")
+    assert json.loads(told.output)["jobs"] == ids[:2]
+    assert service.store.ids() == set(ids[2:])
+    assert gc("--data", str(service.settings.data), "--max-gb", "0", "--dry-run").output.split()[:3] == ids[2:]
+
+
+def test_bad_words_are_named(tmp_path: Path) -> None:
+    told = gc("--data", str(tmp_path), "--older-than", "a month")
+    assert (told.exit_code, "--older-than" in told.output, "30d" in told.output) == (2, True, True)
+    assert gc("--data", str(tmp_path)).exit_code == 2
+    assert not list(tmp_path.iterdir())
+
+
+def gc(*words: str) -> Result:
+    return CliRunner().invoke(main, ("gc", *words), env={"NEEDLEBENCH_URL": None})
+
+
+@given(st.floats(0, 1e6), st.sampled_from("smhdw"))
+def test_ages_are_read(count: float, unit: str) -> None:
+    text = f"{count:.3f}{unit}"
+    assert seconds_of(text, "x") == pytest.approx(float(text[:-1]) * seconds_of(f"1{unit}", "x"))
+    with pytest.raises(ScenarioError):
+        seconds_of(f"-{text}", "x")
