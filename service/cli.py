@@ -23,6 +23,8 @@ _COMMANDS = {  # name -> (module, what it does); the order is that of the help
     "jobs": ("cli_service", "List the jobs of a service."),
     "show": ("cli_service", "Show one job of a service."),
     "cancel": ("cli_service", "Cancel a job of a service."),
+    "dataset": ("cli_learn", "Run the insertions that learned controllers are trained on."),
+    "paper": ("cli_paper", "Rerun the paper: data set, ELM, insertions, statistics, report."),
     "bench": ("cli_bench", "Measure speed and convergence, or compare two measurements."),
 }
 _EPILOG = """

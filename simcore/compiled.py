@@ -18,7 +18,8 @@ import platformdirs
 Function = TypeVar("Function", bound=Callable[..., object])
 
 
-def _fingerprint() -> str:
+def fingerprint() -> str:
+    """Of the sources of this package and of the versions that its kernels depend on."""
     from importlib.metadata import version
 
     digest = hashlib.sha256()
@@ -31,7 +32,7 @@ def _fingerprint() -> str:
 
 def _cache_folder() -> str:
     """A writable folder for this very source: the user's cache, else a temporary one (compiled anew each time)."""
-    wanted = Path(platformdirs.user_cache_dir("needlebench")) / f"kernels-{_fingerprint()}"
+    wanted = Path(platformdirs.user_cache_dir("needlebench")) / f"kernels-{fingerprint()}"
     try:
         wanted.mkdir(parents=True, exist_ok=True)
         with tempfile.TemporaryFile(dir=wanted):

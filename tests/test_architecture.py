@@ -45,7 +45,7 @@ LAYERS = (
 HEIGHT = {module: height for height, row in enumerate(LAYERS) for module in row}
 
 SIMCORE_NEEDS = {"numpy", "scipy", "numba", "pydantic", "pydantic_core", "threadpoolctl", "platformdirs", "meshio"}
-BENCHMARKS_NEED = {*SIMCORE_NEEDS, "simcore", "benchmarks"}
+BENCHMARKS_NEED = {*SIMCORE_NEEDS, "simcore", "benchmarks", "jinja2"}  # jinja2: the page of the paper's report
 NETWORK = {"http", "socket", "socketserver", "urllib", "ssl", "asyncio", "sqlite3", "ftplib", "smtplib"}
 RERUN_FILES = {"recording", "blueprint", "viewer", "columns"}
 

@@ -1,0 +1,119 @@
+"""What a rerun of the paper will do before it does it: its stages, how long they take, how much they store."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
+
+from benchmarks.paper.records import Case
+from benchmarks.paper.scale import Scale
+from benchmarks.paper.suites import paper_cases, seed_cases, sensitivity_cases, timing_cases, training_cases
+
+SPEED_MM_S = 10.0
+PERTURBATION_SOLVES = 18.0  # cost of a step whose Jacobian is perturbed, in plain steps; measured
+SEPARATE_SOLVES = 2.5  # and of one whose controller steps a model of its own
+STATE_BYTES, WHOLE_BYTES = 60.0, 300.0  # stored for one step of a test and of a training insertion; measured
+CASE_BYTES, RECORDING_BYTES = 12_000.0, 15_000.0  # for one insertion, and for one recorded step; measured
+RECORDED_ARMS = 4  # I-FEM and ELM along LIN and CUR: best, median and worst of each
+
+
+@dataclass(frozen=True)
+class Cost:
+    """Measured at the scale's discretisation: CPU seconds of a step that steers by I-FEM and of one that does not."""
+
+    ifem_s: float
+    plain_s: float
+
+    def of(self, case: Case) -> float:
+        """Estimated CPU seconds of an insertion."""
+        block = case.scenario["controller"]
+        if block.get("jacobian") == "perturbation":
+            each = self.plain_s * PERTURBATION_SOLVES
+        elif block["kind"] == "ifem" and block.get("model", {}).get("kind", "shared") == "separate":
+            each = self.ifem_s * SEPARATE_SOLVES
+        else:
+            each = self.ifem_s if block["kind"] == "ifem" else self.plain_s
+        return each * steps(case)
+
+
+@dataclass(frozen=True)
+class Stage:
+    """Some insertions that are run together; `alone`: one after the other, for their times."""
+
+    title: str
+    cases: tuple[Case, ...]
+    alone: bool = False
+
+
+@dataclass(frozen=True)
+class Plan:
+    """All stages of a scale. The cases are drafts: the models that they name are trained on the way."""
+
+    scale: Scale
+
+    @cached_property
+    def stages(self) -> tuple[Stage, ...]:
+        """In the order in which they are run."""
+        scale = self.scale
+        return (
+            Stage("data set", tuple(training_cases(scale))),
+            Stage("experiments", tuple(paper_cases(scale, model_names()))),
+            Stage("ELM seeds", tuple(seed_cases(scale, elm_names(scale)))),
+            Stage("sensitivity", tuple(sensitivity_cases(scale, model_names()))),
+            Stage("timing", tuple(timing_cases(scale, model_names())), alone=True),
+        )
+
+    @property
+    def insertions(self) -> int:
+        return sum(len(stage.cases) for stage in self.stages)
+
+    @cached_property
+    def sha256(self) -> str:
+        """Digest of the scale and of every draft: two runs with the same one do the same."""
+        drafts = [[case.id, case.labels, case.scenario] for stage in self.stages for case in stage.cases]
+        content = json.dumps([self.scale.model_dump(mode="json"), drafts], sort_keys=True, separators=(",", ":"))
+        return hashlib.sha256(content.encode()).hexdigest()
+
+    def seconds(self, cost: Cost, workers: int) -> dict[str, float]:
+        """Estimated wall time of each stage on cores of their own, by title."""
+        return {stage.title: sum(map(cost.of, stage.cases)) / (1 if stage.alone else workers) for stage in self.stages}
+
+    @property
+    def bytes(self) -> int:
+        """Estimated size of the folder."""
+        total = 0.0
+        for stage in self.stages:
+            each = WHOLE_BYTES if stage.title == "data set" else STATE_BYTES
+            total += sum(CASE_BYTES + each * steps(case) for case in stage.cases)
+        recorded = 3 * RECORDED_ARMS + self.scale.recordings
+        longest = max(steps(case) for case in self.stages[0].cases)
+        return math.ceil(total + recorded * longest * RECORDING_BYTES)
+
+
+def elm_names(scale: Scale) -> list[str]:
+    """Files of the ELMs, one for each seed; the first is the one of the experiments."""
+    return [f"models/elm-{seed:02}.json" for seed in range(scale.seeds)]
+
+
+def model_names() -> dict[str, str]:
+    """Files of the models that the experiments use, by kind."""
+    return {"elm": "models/elm-00.json", **{kind: f"models/{kind}.json" for kind in ("linear", "neighbours", "mlp")}}
+
+
+def steps(case: Case) -> int:
+    """Number of steps of an insertion, by its chord: a sine of 1 mm adds a thousandth."""
+    trajectory: dict[str, Any] = case.scenario["trajectory"]
+    length = math.dist(trajectory["entry_mm"], trajectory["target_mm"])
+    return math.ceil(length / (SPEED_MM_S * float(case.scenario["dt_s"])))
+
+
+def probes(scale: Scale) -> Sequence[Case]:
+    """Two insertions whose CPU time tells what the others will cost: with I-FEM and without."""
+    case = training_cases(scale)[0]
+    plain = {**case.scenario, "controller": {"kind": "open_loop"}}
+    return [Case("probe-ifem", case.scenario, {}), Case("probe-plain", plain, {})]

@@ -1,0 +1,127 @@
+"""How large a rerun of the paper is: the numbers that distinguish a look from the full experiment."""
+
+from __future__ import annotations
+
+import json
+from typing import Annotated, Any
+
+from pydantic import BaseModel, ConfigDict, Field, StringConstraints, ValidationError
+
+from simcore.errors import Problem, ScenarioError
+from simcore.validation import problems_of
+
+Count = Annotated[int, Field(strict=True, ge=0, le=1000)]
+Positive = Annotated[int, Field(strict=True, ge=1, le=100_000)]
+
+
+class Scale(BaseModel):
+    """Counts of insertions and the discretisation that all of them share.
+
+    Subsets are the first end points of the same list, so that a smaller scale is part of a larger one.
+    """
+
+    model_config = ConfigDict(extra="forbid", frozen=True, hide_input_in_errors=True)
+
+    name: Annotated[str, StringConstraints(pattern=r"^[a-z0-9][a-z0-9-]{0,29}$")]
+    element_size_mm: float = Field(6.0, ge=1.0, le=20.0, description="edge of a cell of the tissue")
+    dt_s: float = Field(0.01, ge=1e-4, le=0.1, description="time step")
+    training: int = Field(105, ge=1, le=105, description="data-set insertions, of the 7 x 15 grid")
+    samples: Positive = Field(10_000, description="samples drawn from them")
+    nodes: Positive = Field(25, description="hidden nodes of the ELM")
+    seeds: int = Field(20, ge=1, le=100, description="ELM trainings that differ in their random input weights")
+    lin: int = Field(
+        100, ge=1, le=100, description="straight test paths; each of four sine overlays over `cur` of them"
+    )
+    cur: int = Field(100, ge=1, le=100, description="end points whose four curved test paths are run")
+    young: int = Field(100, ge=0, le=100, description="end points run at a Young's modulus of their own")
+    young_ifem: bool = Field(False, description="I-FEM with the nominal model there too")
+    reference_lin: Count = Field(100, description="straight paths of the open-loop and rigid-needle arms")
+    reference_cur: Count = Field(100, description="end points of these arms on curved paths")
+    reference_directions: int = Field(1, ge=1, le=4, description="directions at each, 1 = a different one in turn")
+    reference_young: Count = Field(0, description="end points of these arms at variable Young's modulus, LIN and CUR")
+    noise: Count = Field(25, description="straight paths with target noise in the test, every arm")
+    baselines: Count = Field(0, description="end points of the learned baselines, LIN and CUR")
+    seed_paths: Count = Field(5, description="paths on which every ELM seed is run")
+    timing: int = Field(3, ge=1, le=20, description="paths of the one-worker timing pass")
+    sensitivity: Count = Field(1, description="end points of each variation of the sensitivity study, LIN and CUR")
+    curve_nodes: tuple[Positive, ...] = Field(
+        (5, 10, 15, 25, 50, 100, 200), max_length=20, description="node counts of the learning curve"
+    )
+    curve_samples: tuple[Positive, ...] = Field(
+        (100, 300, 1000, 3000, 10_000), max_length=20, description="sample counts of the learning curve"
+    )
+    recordings: Count = Field(
+        2, description="failed cases that are recorded, beside best, median and worst of each arm"
+    )
+
+
+_COARSE = {"element_size_mm": 8.0, "dt_s": 0.02}
+SCALES = {
+    "smoke": Scale(
+        name="smoke",
+        element_size_mm=10.0,
+        dt_s=0.04,
+        training=12,
+        samples=3000,
+        seeds=3,
+        lin=6,
+        cur=3,
+        young=3,
+        reference_lin=6,
+        reference_cur=3,
+        reference_young=1,
+        noise=2,
+        baselines=1,
+        seed_paths=2,
+        timing=1,
+        sensitivity=1,
+        curve_nodes=(5, 25, 100),
+        curve_samples=(100, 1000, 3000),
+        recordings=1,
+    ),
+    "quick": Scale(
+        name="quick",
+        **_COARSE,
+        training=35,
+        seeds=5,
+        lin=25,
+        cur=15,
+        young=15,
+        reference_lin=25,
+        reference_cur=15,
+        reference_young=5,
+        noise=10,
+        baselines=5,
+        seed_paths=4,
+        timing=2,
+    ),
+    "full": Scale(name="full", reference_young=10, baselines=10),
+    "extended": Scale(
+        name="extended",
+        young_ifem=True,
+        reference_directions=4,
+        reference_young=100,
+        noise=100,
+        baselines=100,
+        seed_paths=25,
+        timing=5,
+        sensitivity=10,
+    ),
+}
+SCALE_TEXT = {
+    "smoke": "does everything work? a coarse mesh and time step, a handful of paths",
+    "quick": "a first answer: coarser mesh and time step, a quarter of the paths",
+    "full": "the paper: 105 + 500 I-FEM + 500 ELM + 500 ELM at variable stiffness, and what they are compared with",
+    "extended": "full, with I-FEM at variable stiffness, all references, 20 seeds x 25 paths, more sensitivity",
+}
+
+
+def scale_of(data: Any, *, field: str) -> Scale:
+    """A scale from JSON data. Raises ScenarioError, which names every wrong field."""
+    text = json.dumps(data)
+    try:
+        return Scale.model_validate_json(text)
+    except ValidationError as error:
+        raise ScenarioError(problems_of(error, Scale, text)) from None
+    except RecursionError:
+        raise ScenarioError([Problem(field, type(data).__name__, "is nested too deeply")]) from None

@@ -1,0 +1,274 @@
+"""The experiments as named, versioned lists of fully resolved scenarios.
+
+`lin100-v1`, `cur400-v1`, `young-v1` and `paper-v1`, which is the three together, are those of Perrusi et al. 2021;
+`-quick` and `-smoke` after the version are smaller forms. A version never changes its meaning: the tests pin digests.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+from benchmarks import dataset
+from benchmarks.paper.records import Case, Label, Suite
+from benchmarks.paper.sampling import DIRECTIONS, ENTRY_MM, end_points_mm, young_kpa
+from benchmarks.paper.scale import SCALES, Scale
+from benchmarks.paper.variations import VARIATIONS, varied
+from simcore.errors import Problem, ScenarioError
+from simcore.scenario import Scenario
+
+Models = Mapping[str, str]  # learned kind of controller -> its model; "default" where none is named
+Json = dict[str, Any]
+
+STEERED = ("ifem", "elm")
+REFERENCES = ("open_loop", "rigid")
+BASELINES = ("frozen", "linear", "neighbours", "mlp")
+LEARNED = ("elm", "linear", "neighbours", "mlp")
+AMPLITUDE_MM = 1.0
+TEST_NOISE_SEED = 20_000  # plus the number of the path: the same noise for every arm
+SIGNS = tuple(DIRECTIONS)
+
+
+@dataclass(frozen=True)
+class Path:
+    """A test path: its end point, and along which axis its sine goes ("" = straight)."""
+
+    end_point: int
+    direction: str = ""
+
+    @property
+    def group(self) -> str:
+        return "CUR" if self.direction else "LIN"
+
+    @property
+    def name(self) -> str:
+        return f"{self.group.lower()}-{self.end_point:03}{self.direction}"
+
+    def trajectory(self) -> Json:
+        """The scenario's block."""
+        target = end_points_mm()[self.end_point].tolist()
+        if not self.direction:
+            return {"kind": "line", "entry_mm": list(ENTRY_MM), "target_mm": target}
+        overlay = {"amplitude_mm": AMPLITUDE_MM, "periods": 1.0, "direction": list(DIRECTIONS[self.direction])}
+        return {"kind": "sine", "entry_mm": list(ENTRY_MM), "target_mm": target, **overlay}
+
+
+def straight(count: int) -> list[Path]:
+    """LIN: one path to each of the first end points."""
+    return [Path(i) for i in range(count)]
+
+
+def curved(count: int, directions: int = 4) -> list[Path]:
+    """CUR: the same end points, each along some directions; fewer than four are taken in turn."""
+    return [Path(i, SIGNS[(i + k) % 4]) for i in range(count) for k in range(directions)]
+
+
+# ---- scenarios and cases
+
+
+def scenario(name: str, scale: Scale, *, seed: int, noise_mm: float = 0.0, **blocks: Json) -> Json:
+    """A scenario of the experiments before defaults; `blocks` adds fields to its blocks."""
+    shared = discretisation(scale)
+    shared["tissue"] |= blocks.pop("tissue", {})
+    return {"name": name, "seed": seed, "noise_mm": noise_mm, "recording": {"enabled": False}, **shared, **blocks}
+
+
+def discretisation(scale: Scale) -> Json:
+    """The fields of every scenario that the scale settles."""
+    return {"dt_s": scale.dt_s, "tissue": {"element_size_mm": scale.element_size_mm}}
+
+
+def resolved(drafts: Sequence[Case]) -> list[Case]:
+    """The cases with every field of their scenarios settled. Raises ScenarioError, naming the case.
+
+    A learned controller's model must exist for that; a draft only names it.
+    """
+    cases = []
+    for draft in drafts:
+        try:
+            cases.append(Case(draft.id, Scenario.load(draft.scenario).resolved(), draft.labels))
+        except ScenarioError as error:
+            found = [Problem(f"{draft.id}: {p.field}", p.value, p.message) for p in error.problems]
+            raise ScenarioError(found) from None
+    return cases
+
+
+def controller(arm: str, scale: Scale, models: Models) -> Json:
+    """The scenario's controller block of an arm."""
+    if arm in LEARNED:
+        return {"kind": arm, "model": models.get(arm, "default")}
+    if arm == "frozen":
+        return {"kind": arm, "model": {"kind": "separate", "element_size_mm": scale.element_size_mm}}
+    return {"kind": arm}
+
+
+def labelled(path: Path, arm: str, purpose: str, **more: Label) -> dict[str, Label]:
+    """What the analyses sort by."""
+    return {
+        "purpose": purpose,
+        "group": path.group,
+        "arm": arm,
+        "young": "constant",
+        "noise": "off",
+        "end_point": path.end_point,
+        "direction": path.direction,
+        **more,
+    }
+
+
+def following(
+    scale: Scale, models: Models, paths: Sequence[Path], arms: Sequence[str], purpose: str = "main"
+) -> list[Case]:
+    """Every arm along every path, path by path: constant stiffness, no noise."""
+    cases = []
+    for path in paths:
+        for arm in arms:
+            name = f"{path.name}-{arm}"
+            data = scenario(
+                name, scale, seed=0, trajectory=path.trajectory(), controller=controller(arm, scale, models)
+            )
+            cases.append(Case(name, data, labelled(path, arm, purpose)))
+    return cases
+
+
+# ---- the experiments
+
+
+def training_cases(scale: Scale) -> list[Case]:
+    """The data set: straight I-FEM insertions to the training grid with uniform target noise of +-0.25 mm."""
+    return list(dataset.cases(insertions=scale.training, seed=0, changes=discretisation(scale)))
+
+
+def lin_cases(scale: Scale, models: Models) -> list[Case]:
+    """LIN: straight test paths, noise off (primary), then with target noise on."""
+    cases = following(scale, models, straight(scale.lin), STEERED)
+    cases += following(scale, models, straight(scale.reference_lin), REFERENCES)
+    cases += following(scale, models, straight(scale.baselines), BASELINES)
+    for path in straight(scale.noise):
+        for arm in (*STEERED, *REFERENCES):
+            name = f"lin-noise-{path.end_point:03}-{arm}"
+            seed, block = TEST_NOISE_SEED + path.end_point, controller(arm, scale, models)
+            data = scenario(
+                name, scale, seed=seed, noise_mm=dataset.NOISE_MM, trajectory=path.trajectory(), controller=block
+            )
+            cases.append(Case(name, data, labelled(path, arm, "main", noise="on")))
+    return cases
+
+
+def cur_cases(scale: Scale, models: Models) -> list[Case]:
+    """CUR: four sine overlays over each end point."""
+    cases = following(scale, models, curved(scale.cur), STEERED)
+    cases += following(scale, models, curved(scale.reference_cur, scale.reference_directions), REFERENCES)
+    return cases + following(scale, models, curved(scale.baselines, 1), BASELINES)
+
+
+def young_cases(scale: Scale, models: Models) -> list[Case]:
+    """The same paths, Young's modulus 5.5 to 6.3 kPa by path: the ELM, the references on some, I-FEM if asked for."""
+    everything = [*straight(scale.young), *curved(scale.young)]
+    some = [*straight(scale.reference_young), *curved(scale.reference_young, scale.reference_directions)]
+    steered = ("ifem", "elm") if scale.young_ifem else ("elm",)
+    cases = []
+    for path, arm in [*_pairs(everything, steered), *_pairs(some, REFERENCES)]:
+        block = controller(arm, scale, models)
+        if arm == "ifem":
+            nominal = {"young_kpa": 6.3, "element_size_mm": scale.element_size_mm}
+            block["model"] = {"kind": "separate", **nominal}
+        name = f"young-{path.name}-{arm}"
+        tissue = {"young_kpa": young_kpa(path.end_point, path.direction)}
+        data = scenario(name, scale, seed=0, tissue=tissue, trajectory=path.trajectory(), controller=block)
+        cases.append(Case(name, data, labelled(path, arm, "main", young="variable")))
+    return cases
+
+
+def paper_cases(scale: Scale, models: Models) -> list[Case]:
+    """LIN, CUR and variable stiffness."""
+    return [*lin_cases(scale, models), *cur_cases(scale, models), *young_cases(scale, models)]
+
+
+def sensitivity_cases(scale: Scale, models: Models) -> list[Case]:
+    """Each open parameter moved alone, along the same few paths as the nominal values."""
+    paths = [*straight(scale.sensitivity), *curved(scale.sensitivity, 1)]
+    cases = []
+    for variation in VARIATIONS:
+        arms = ("ifem",) if variation.ifem_only else (*STEERED, "open_loop")
+        for path, arm in _pairs(paths, arms):
+            name = f"sens-{variation.name}-{path.name}-{arm}"
+            data = scenario(
+                name, scale, seed=0, trajectory=path.trajectory(), controller=controller(arm, scale, models)
+            )
+            more = {"parameter": variation.parameter, "value": variation.value}
+            cases.append(Case(name, varied(data, variation), labelled(path, arm, "sensitivity", **more)))
+    return cases
+
+
+def seed_cases(scale: Scale, models: Sequence[str]) -> list[Case]:
+    """ELMs that differ in their random input weights alone, closed loop, along the same paths: LIN and CUR in turn."""
+    paths = [Path(i, "" if i % 2 == 0 else SIGNS[i // 2 % 4]) for i in range(scale.seed_paths)]
+    cases = []
+    for seed, model in enumerate(models):
+        for case in following(scale, {"elm": model}, paths, ("elm",), "seeds"):
+            name = f"seed-{seed:02}-{case.id}"
+            cases.append(Case(name, {**case.scenario, "name": name}, {**case.labels, "model_seed": seed}))
+    return cases
+
+
+def timing_cases(scale: Scale, models: Models) -> list[Case]:
+    """Short list for one worker: the arms whose times are compared, interleaved, so that all see the same machine."""
+    paths = [Path(i, "" if i % 2 == 0 else SIGNS[i // 2 % 4]) for i in range(scale.timing)]
+    ways = {
+        "constraint": {"kind": "ifem", "jacobian": "constraint"},
+        "perturbation": {"kind": "ifem", "jacobian": "perturbation"},
+        "elm": controller("elm", scale, models),
+    }
+    cases = []
+    for path in paths:
+        for way, block in ways.items():
+            name = f"timing-{path.name}-{way}"
+            data = scenario(name, scale, seed=0, trajectory=path.trajectory(), controller=block)
+            cases.append(Case(name, data, labelled(path, block["kind"], "timing", jacobian=way)))
+    return cases
+
+
+def _pairs(paths: Sequence[Path], arms: Sequence[str]) -> Iterator[tuple[Path, str]]:
+    return ((path, arm) for path in paths for arm in arms)
+
+
+# ---- by name
+
+
+@dataclass(frozen=True)
+class _Kind:
+    """What a suite's base name stands for."""
+
+    title: str
+    cases: Callable[[Scale, Models], list[Case]]
+
+
+_KINDS = {
+    "data105-v1": _Kind(
+        "Training: 105 straight I-FEM insertions, noise +-0.25 mm", lambda scale, _: training_cases(scale)
+    ),
+    "lin100-v1": _Kind("LIN: 100 straight test paths, target noise off and on", lin_cases),
+    "cur400-v1": _Kind("CUR: 100 end points x 4 sine overlays of 1.0 mm", cur_cases),
+    "young-v1": _Kind("LIN and CUR at a Young's modulus of 5.5 to 6.3 kPa by path", young_cases),
+    "paper-v1": _Kind("lin100-v1, cur400-v1 and young-v1 together", paper_cases),
+    "sensitivity-v1": _Kind("What the paper leaves open, moved one by one", sensitivity_cases),
+}
+_SIZES = {"": SCALES["full"], "-quick": SCALES["quick"], "-smoke": SCALES["smoke"]}
+
+
+def suite_names() -> dict[str, str]:
+    """Name -> one line on it."""
+    sized = {"": "", "-quick": ", fewer and coarser", "-smoke": ", a handful and coarse"}
+    return {f"{base}{size}": f"{kind.title}{sized[size]}" for base, kind in _KINDS.items() for size in _SIZES}
+
+
+def suite(name: str, *, model: str = "default") -> Suite:
+    """A suite by name; its ELM arms use `model`, a packaged one or a file. Raises ScenarioError for an unknown name."""
+    for base, kind in _KINDS.items():
+        size = name.removeprefix(base)
+        if name.startswith(base) and size in _SIZES:
+            cases = resolved(kind.cases(_SIZES[size], {"elm": model}))
+            return Suite(name=name, title=suite_names()[name], cases=tuple(cases))
+    raise ScenarioError([Problem("suite", name, f"is none of {', '.join(suite_names())}")])

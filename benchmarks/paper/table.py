@@ -1,0 +1,204 @@
+"""Outcomes as rows: what each insertion was, how it ended, what it measured. Also as a CSV file, one line each."""
+
+from __future__ import annotations
+
+import csv
+import io
+import math
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+from benchmarks.paper.records import Label, Outcome
+from simcore.metrics import MEASURED
+
+ALL = "ALL"
+TRAINING = "DATA"  # group of the data set's insertions, in no comparison
+GROUPS = ("LIN", "CUR")
+ARMS = ("ifem", "elm", "frozen", "linear", "neighbours", "mlp", "plugin", "replay", "open_loop", "rigid")
+ARM_NAMES = {
+    "ifem": "I-FEM",
+    "elm": "ELM",
+    "frozen": "frozen Jacobian",
+    "linear": "linear regression",
+    "neighbours": "nearest neighbours",
+    "mlp": "small network",
+    "open_loop": "open loop",
+    "rigid": "rigid needle",
+}
+REFERENCES = ("open_loop", "rigid")  # what no feedback and no model reach
+SPECIAL = ("model_seed", "parameter")  # labels of the ELM's seeds and of the sensitivity study
+TIMED = ("plant", "jacobian", "command", "recording")
+
+
+@dataclass(frozen=True)
+class Row:
+    """One insertion. end_mm, entry_mm: (x, y) mm, world. timing_ms: medians over its steps, and the mean of a step."""
+
+    id: str
+    group: str
+    arm: str
+    young: str
+    noise: str
+    end_point: str
+    direction: str
+    labels: Mapping[str, Label]
+    scenario: Mapping[str, Any]
+    status: str
+    message: str
+    stable: bool
+    success: bool
+    metrics: Mapping[str, Any]
+    timing_ms: Mapping[str, float | None]
+    digest: str
+
+    @property
+    def failed(self) -> bool:
+        """Not stable, in the paper's sense of S."""
+        return not self.stable
+
+    @property
+    def rmse_mm(self) -> float:
+        """The paper's RMSE; a failure ranks behind everything."""
+        return self.ranked("rmse_mm")
+
+    @property
+    def pair(self) -> tuple[str, str, str]:
+        """What two insertions share that are to be compared with each other."""
+        return self.group, self.end_point, self.direction
+
+    @property
+    def end_mm(self) -> tuple[float, float]:
+        """Where the path ends on the far face."""
+        return _lateral(self.scenario, "target_mm")
+
+    @property
+    def entry_mm(self) -> tuple[float, float]:
+        """Where the needle goes in."""
+        return _lateral(self.scenario, "entry_mm")
+
+    def ranked(self, metric: str) -> float:
+        """A metric of which less is better; infinite for a failure and where nothing was measured."""
+        value = self.metrics.get(metric)
+        return math.inf if self.failed or value is None or not math.isfinite(value) else float(value)
+
+
+Keep = Callable[[Row], bool]
+
+
+def rows(outcomes: Iterable[Outcome]) -> list[Row]:
+    """One row for each outcome, by id. Labels that a campaign left out follow from the scenario."""
+    return sorted((_row(outcome) for outcome in outcomes), key=lambda row: row.id)
+
+
+def _row(outcome: Outcome) -> Row:
+    case, result = outcome.case, outcome.result
+    labels, scenario = case.labels, case.scenario
+    measured = result.get("metrics") or {}
+    end = _lateral(scenario, "target_mm")
+    return Row(
+        id=case.id,
+        group=str(labels.get("group", "insertions")),
+        arm=str(labels.get("arm", scenario.get("controller", {}).get("kind", "unknown"))),
+        young=str(labels.get("young", "constant")),
+        noise=str(labels.get("noise", "on" if scenario.get("noise_mm") else "off")),
+        end_point=str(labels.get("end_point", f"{end[0]:g} {end[1]:g}")),
+        direction=str(labels.get("direction", "")),
+        labels=labels,
+        scenario=scenario,
+        status=str(result.get("status", "unknown")),
+        message=str(result.get("message", "")),
+        stable=bool(measured.get("stable", False)),
+        success=bool(measured.get("success", False)),
+        metrics=measured,
+        timing_ms=_timing(result.get("timing") or {}, measured.get("steps_completed")),
+        digest=str(result.get("digest", "")),
+    )
+
+
+def _lateral(scenario: Mapping[str, Any], name: str) -> tuple[float, float]:
+    point = scenario.get("trajectory", {}).get(name) or (math.nan, math.nan)
+    return float(point[0]), float(point[1])
+
+
+def _timing(timing: Mapping[str, Any], steps: int | None) -> dict[str, float | None]:
+    found: dict[str, float | None] = {name: (timing.get(name) or {}).get("median_ms") for name in TIMED}
+    wall = timing.get("loop_wall_s")
+    found["mean_step"] = 1e3 * wall / steps if wall is not None and steps else None
+    return found
+
+
+def only(table: Iterable[Row], **wanted: str) -> list[Row]:
+    """The rows whose fields have these values."""
+    return [row for row in table if all(getattr(row, name) == value for name, value in wanted.items())]
+
+
+def main_rows(table: Iterable[Row]) -> list[Row]:
+    """The rows of the experiments themselves: no training data, no seeds, no sensitivity study."""
+    return [row for row in table if row.group != TRAINING and not any(name in row.labels for name in SPECIAL)]
+
+
+def in_order(names: Iterable[str], order: Sequence[str]) -> list[str]:
+    """Unique names, the known ones first in their order; references stay last."""
+    place = {name: i for i, name in enumerate(order)}
+    unknown = len(order) - len(REFERENCES) - 0.5
+    return sorted(set(names), key=lambda name: (place.get(name, unknown), name))
+
+
+def arms(table: Iterable[Row]) -> list[str]:
+    """Controllers that there are, the references last."""
+    return in_order((row.arm for row in table), ARMS)
+
+
+def arm_name(arm: str) -> str:
+    """As people call it."""
+    return ARM_NAMES.get(arm, arm)
+
+
+def groups(table: Iterable[Row]) -> list[str]:
+    """Groups that there are, LIN and CUR first."""
+    found = {row.group for row in table} - {TRAINING}
+    return [name for name in GROUPS if name in found] + sorted(found - set(GROUPS))
+
+
+def grouped(table: Sequence[Row]) -> dict[str, list[Row]]:
+    """Rows by group; with two groups or more also all of them together."""
+    found = {name: only(table, group=name) for name in groups(table)}
+    if len(found) > 1:
+        found[ALL] = [row for name in groups(table) for row in found[name]]
+    return found
+
+
+def insertions_csv(table: Sequence[Row]) -> str:
+    """A header and a line for each row, full precision; what was not measured is empty."""
+    labels = sorted({name for row in table for name in row.labels})
+    text = io.StringIO()
+    writer = csv.writer(text, lineterminator="\n")
+    ends = ("status", "message", "stable", "success")
+    counts = ("steps_completed", "steps")
+    timed = [*(f"{name}_median_ms" for name in TIMED), "mean_step_ms"]
+    places = ("entry_x_mm", "entry_y_mm", "end_x_mm", "end_y_mm")
+    writer.writerow(["id", *labels, "young_kpa", *places, *ends, *counts, *MEASURED, *timed, "digest"])
+    for row in table:
+        writer.writerow(
+            [
+                row.id,
+                *(row.labels.get(name, "") for name in labels),
+                _filled(row.scenario.get("tissue", {}).get("young_kpa")),
+                *(_filled(value) for value in (*row.entry_mm, *row.end_mm)),
+                *(row.status, row.message, _word(row.stable), _word(row.success)),
+                *(_filled(row.metrics.get(name)) for name in (*counts, *MEASURED)),
+                *(_filled(row.timing_ms[name]) for name in (*TIMED, "mean_step")),
+                row.digest,
+            ]
+        )
+    return text.getvalue()
+
+
+def _filled(value: Any) -> Any:
+    """Empty for what there is not."""
+    return "" if value is None or (isinstance(value, float) and not math.isfinite(value)) else value
+
+
+def _word(yes: bool) -> str:
+    return "yes" if yes else "no"
