@@ -129,6 +129,7 @@ def _paper_run(plan: Plan, folder: PaperFolder, workers: int, watcher: Watcher) 
 
     def train(kind: str, seed: int, data: Dataset) -> str:
         from benchmarks.training import trained
+
         from service.mlp_training import train_network
         from simcore import learning
 

@@ -6,10 +6,10 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from simcore.learning import ExtremeLearningMachine
 
 from benchmarks.training import SPLITS, trained
 from simcore.dataset import Dataset
-from simcore.learning import ExtremeLearningMachine
 
 CURVE_SEEDS = 5
 

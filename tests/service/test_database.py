@@ -8,12 +8,14 @@ from alembic.runtime.migration import MigrationContext
 from sqlalchemy import text
 from sqlalchemy.exc import IntegrityError
 
+from service import campaign_tables
 from service.database import DatabaseTooNew, open_database
 from service.tables import metadata
 
 
 def test_the_migrations_make_exactly_the_tables(tmp_path: Path) -> None:
     engine = open_database(tmp_path / "a.sqlite")
+    assert campaign_tables.campaign.metadata is metadata
     with engine.begin() as connection:
         assert compare_metadata(MigrationContext.configure(connection), metadata) == []
     engine.dispose()
