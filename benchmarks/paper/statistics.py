@@ -136,7 +136,7 @@ def _finite_ranks(values: Sequence[float] | Vector) -> Vector:
 
 
 def rank_biserial(values: Sequence[float] | Vector) -> float:
-    """Matched-pairs rank-biserial correlation of differences, (W+ - W-) / (W+ + W-): -1 if all are below zero, 1 above."""
+    """Matched-pairs rank-biserial correlation of differences, (W+ - W-) / (W+ + W-): -1 if all are below zero."""
     kept = _finite_ranks(values)
     if not len(kept):
         return 0.0
@@ -184,7 +184,7 @@ def bootstrap_median(
     data = np.asarray(values, float)
     if not len(data):
         return Interval(math.nan, math.nan)
-    names = list(clusters) if clusters is not None else list(range(len(data)))
+    names: list[Hashable] = list(clusters) if clusters is not None else list(range(len(data)))
     inverse = _canonical(data, names, paired=clusters is not None)
     counts = _drawn(int(inverse.max()) + 1, seed, draws)
     order = np.argsort(data, kind="stable")

@@ -134,8 +134,14 @@ def only(table: Iterable[Row], **wanted: str) -> list[Row]:
 
 
 def main_rows(table: Iterable[Row]) -> list[Row]:
-    """The rows of the experiments themselves: no training data, no seeds, no sensitivity study."""
-    return [row for row in table if row.group != TRAINING and not any(name in row.labels for name in SPECIAL)]
+    """The rows of the experiments themselves: no training data, no seeds, no sensitivity study, no timing pass."""
+    return [
+        row
+        for row in table
+        if row.group != TRAINING
+        and row.labels.get("purpose", "main") == "main"
+        and not any(name in row.labels for name in SPECIAL)
+    ]
 
 
 def in_order(names: Iterable[str], order: Sequence[str]) -> list[str]:

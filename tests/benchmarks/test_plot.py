@@ -7,7 +7,7 @@ from xml.etree import ElementTree
 
 import pytest
 
-from benchmarks.plot import Axis, Band, Line, Panel, fitted_axis, linear_ticks, log_ticks, number, svg
+from benchmarks.plot import Axis, Band, BoxMark, Line, Panel, fitted_axis, linear_ticks, log_ticks, number, svg
 
 SPACE = "{http://www.w3.org/2000/svg}"
 
@@ -80,3 +80,28 @@ def test_axes_map_their_ends() -> None:
 )
 def test_tick_labels(value: float, text: str) -> None:
     assert number(value) == text
+
+
+def test_boxes_stand_in_their_place() -> None:
+    mark = BoxMark(1.0, 0.1, 0.2, 0.3, 0.5, 0.9, (1.5, 2.0), 1, "0.3")
+    panel = Panel("", "", "", (), x_names=("first\n20", "second"), boxes=(mark,), y_log=True)
+    root = ElementTree.fromstring(svg([[panel]], name="p", about=("errors", "one box")))
+    assert [element.text for element in root.iter() if element.tag in (f"{SPACE}title", f"{SPACE}desc")] == [
+        "errors",
+        "one box",
+    ]
+    assert root.attrib["aria-labelledby"] == "p-t p-d"
+    assert len(list(root.iter(f"{SPACE}circle"))) == 2
+    assert {"first", "20", "second", "0.3"} <= {element.text for element in root.iter(f"{SPACE}text")}
+    box = next(element for element in root.iter(f"{SPACE}rect") if "fill-opacity" in element.attrib)
+    top, bottom = float(box.attrib["y"]), float(box.attrib["y"]) + float(box.attrib["height"])
+    median = next(e for e in root.iter(f"{SPACE}path") if e.attrib.get("stroke-width") == "2.6")
+    assert top < float(median.attrib["d"].split()[1].split("h")[0]) < bottom
+
+
+def test_panels_can_share_a_range_and_show_a_spread() -> None:
+    line = Line("", [1.0, 2.0], [2.0, 2.0], spread=([1.0, math.nan], [3.0, 4.0]))
+    wide = svg([[Panel("", "", "", (line,), y_also=(100.0,), y_zero=True)]])
+    assert "100" in texts(wide)
+    assert "100" not in texts(svg([[Panel("", "", "", (line,), y_zero=True)]]))
+    assert wide.count("opacity='0.14'") == 1

@@ -1,0 +1,289 @@
+"""The claims of Perrusi et al. 2021, each held against what was measured here.
+
+A claim is reproduced only if what it says holds, and holds by the primary test. It is contradicted if the opposite
+holds, or if a sample as large as the paper's finds nothing. Everything else is not testable with this run; the reason
+is given.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+from benchmarks.paper import statistics
+from benchmarks.paper.analysis import PRIMARY, Contrast, Score
+from benchmarks.paper.comparison import Comparison
+from benchmarks.paper.places import border_mm
+from benchmarks.paper.studies import SeedShare
+from benchmarks.paper.table import ALL, Row, arm_name, main_rows
+from benchmarks.paper.timing import PAPER_REDUCTIONS, Saving
+
+REPRODUCED, CONTRADICTED, NOT_TESTABLE = "reproduced", "contradicted", "not testable"
+SIGNIFICANT = 0.01  # [paper] of the two directions
+DIFFERENT = 0.05  # [paper] of constant against variable Young's modulus
+PAPER_END_POINTS = 100  # [paper] a sample that large and still nothing: the claim does not hold
+PAPER_STABLE = 0.98  # [paper] under variable Young's modulus
+FEW_FAILURES = 3  # fewer have no place that could be compared
+BOTH = ("ifem", "elm")
+
+
+@dataclass(frozen=True)
+class Claim:
+    """One claim and what became of it. figure: the measured numbers in words; test, p and effect as far as there is
+    one; reason: why this verdict."""
+
+    key: str
+    claim: str
+    source: str
+    verdict: str
+    figure: str
+    test: str
+    p: float | None
+    effect: str
+    reason: str
+
+
+@dataclass(frozen=True)
+class Findings:
+    """What claims are judged by."""
+
+    rows: Sequence[Row]
+    scores: Sequence[Score]
+    contrasts: Sequence[Contrast]
+    young: Sequence[Contrast]
+    savings: Sequence[Saving]
+    seeds: Sequence[SeedShare]
+
+    def score(self, group: str, arm: str, young: str = PRIMARY.young, noise: str = PRIMARY.noise) -> Score | None:
+        """A controller's score, if it ran."""
+        same = (s for s in self.scores if (s.group, s.arm, s.young, s.noise) == (group, arm, young, noise))
+        return next(same, None)
+
+    def contrast(self, group: str, noise: str = PRIMARY.noise) -> Comparison | None:
+        """I-FEM against ELM at constant Young's modulus."""
+        for found in self.contrasts:
+            compared = found.comparison
+            names = (compared.first, compared.second)
+            if (found.young, found.noise, compared.group, names) == (PRIMARY.young, noise, group, BOTH):
+                return compared
+        return None
+
+
+def claims(findings: Findings) -> list[Claim]:
+    """All of them, in the paper's order."""
+    return [
+        stability(findings),
+        direction(findings, "lin", "I-FEM is the more precise on straight paths (LIN)", "LIN", "ifem"),
+        direction(findings, "cur", "The ELM is the more precise on curved paths (CUR), p < 0.01", "CUR", "elm"),
+        submillimetric(findings),
+        variable_stability(findings),
+        no_difference(findings),
+        *(time_saved(findings, name, share) for name, share in PAPER_REDUCTIONS.items()),
+    ]
+
+
+def stability(findings: Findings) -> Claim:
+    """S = 100 % for both controllers on both groups."""
+    text, source = "All insertions are stable, S = 100 %, with both controllers on LIN and CUR", "results"
+    found = [(group, arm, findings.score(group, arm)) for group in ("LIN", "CUR") for arm in BOTH]
+    known = [score for _, _, score in found if score]
+    figure = "; ".join(f"{s.group} {arm_name(s.arm)} {_share(s.stable, s.stable_interval)}" for s in known)
+    if len(known) < len(found):
+        lacking = ", ".join(f"{arm_name(arm)} on {group}" for group, arm, score in found if not score)
+        return Claim("stability", text, source, NOT_TESTABLE, figure, "", None, "", f"not run: {lacking}")
+    failed = sum(score.failed for score in known)
+    verdict = CONTRADICTED if failed else REPRODUCED
+    count = sum(score.insertions for score in known)
+    reason = f"{failed} of {count} insertions failed" if failed else f"none of {count} insertions failed"
+    return Claim("stability", text, source, verdict, figure, "Wilson 95 %", None, "", reason)
+
+
+# ---- directions
+
+
+def direction(findings: Findings, key: str, text: str, group: str, better: str) -> Claim:
+    """One controller is the more precise: the median difference says so and the clustered sign test agrees."""
+    found = findings.contrast(group)
+    if not found:
+        return Claim(key, text, "results", NOT_TESTABLE, "", "", None, "", f"I-FEM and ELM did not both run on {group}")
+    sign = 1.0 if better == "ifem" else -1.0
+    holds = sign * found.difference_mm < 0.0
+    figure = (
+        f"median RMSE {_mm(found.median_first_mm)} I-FEM, {_mm(found.median_second_mm)} ELM; I-FEM - ELM "
+        f"{_mm(found.difference_mm, signed=True)} [{_mm(found.difference_interval_mm.low, signed=True)}, "
+        f"{_mm(found.difference_interval_mm.high, signed=True)}]"
+    )
+    verdict, reason = _direction_verdict(found, holds)
+    notes = [reason, *_seeds(findings, group, better), *_noise(findings, group, better)]
+    effect = (
+        f"rank-biserial {found.rank_biserial:+.2f}; I-FEM is the better in {100 * found.superiority:.0f} % of pairs"
+    )
+    test = f"sign test over {found.clusters} end points"
+    return Claim(key, text, "results", verdict, figure, test, found.p_primary, effect, "; ".join(notes))
+
+
+def _direction_verdict(found: Comparison, holds: bool) -> tuple[str, str]:
+    if found.floor:
+        low = statistics.FLOOR_MM
+        return (
+            NOT_TESTABLE,
+            f"floor: without any feedback the error is below {low:g} mm, so precision says nothing here",
+        )
+    small = f", though shown to be smaller than {statistics.MARGIN_MM:g} mm" if found.equivalent else ""
+    if found.p_primary < SIGNIFICANT:
+        return (REPRODUCED, f"the direction holds{small}") if holds else (CONTRADICTED, f"the opposite holds{small}")
+    which = "the direction holds" if holds else "the direction does not hold"
+    if found.clusters >= PAPER_END_POINTS:
+        return CONTRADICTED, f"{which}, and not significantly, with as many end points as in the paper"
+    return NOT_TESTABLE, f"{which}, but {found.clusters} end points are too few to decide (p >= {SIGNIFICANT:g})"
+
+
+def _seeds(findings: Findings, group: str, better: str) -> list[str]:
+    for share in findings.seeds:
+        if share.group == group:
+            hits = share.ifem_better if better == "ifem" else share.elm_better
+            return [f"holds for {hits} of {share.seeds} ELM seeds"]
+    return ["ELM seeds were not compared"]
+
+
+def _noise(findings: Findings, group: str, better: str) -> list[str]:
+    found = findings.contrast(group, noise="on")
+    if not found:
+        return []
+    holds = (found.difference_mm < 0.0) == (better == "ifem") and found.difference_mm != 0.0
+    change = _mm(found.difference_mm, signed=True)
+    return [f"with target noise it {'holds' if holds else 'does not hold'} ({change}, p = {_p(found.p_primary)})"]
+
+
+# ---- precision and stability
+
+
+def submillimetric(findings: Findings) -> Claim:
+    """Every insertion of both controllers has an RMSE below 1 mm."""
+    text = "The error is sub-millimetric throughout"
+    known = [s for g in ("LIN", "CUR") for arm in BOTH if (s := findings.score(g, arm))]
+    if not known:
+        return Claim("submillimetric", text, "abstract", NOT_TESTABLE, "", "", None, "", "neither controller ran")
+    figure = "; ".join(
+        f"{s.group} {arm_name(s.arm)} RMSE at most {_mm(s.max_mm)}, never above 1 mm in {100 * s.within_1mm:.0f} %"
+        for s in known
+    )
+    holds = all(s.submillimetric == 1.0 for s in known)
+    missed = sum(round((1.0 - s.submillimetric) * s.insertions) for s in known)
+    count = sum(s.insertions for s in known)
+    reason = (
+        f"RMSE below 1 mm in all {count} insertions" if holds else f"{missed} of {count} have 1 mm or more or failed"
+    )
+    open_loop = [s for g in ("LIN", "CUR") if (s := findings.score(g, "open_loop"))]
+    shares = ", ".join(f"{100 * s.submillimetric:.0f} % on {s.group}" for s in open_loop)
+    reason += f"; an open loop is below 1 mm in {shares}: alone this proves little" if open_loop else ""
+    verdict = CONTRADICTED if not holds else REPRODUCED if len(known) == 4 else NOT_TESTABLE
+    reason += "" if len(known) == 4 else "; not every controller ran in both groups"
+    return Claim("submillimetric", text, "abstract", verdict, figure, "", None, "", reason)
+
+
+def variable_stability(findings: Findings) -> Claim:
+    """S = 98 % of the ELM under variable Young's modulus, and the failures lie near the side faces."""
+    text, source = "Under variable Young's modulus S = 98 % with the ELM, failures near the borders", "results"
+    score = next((s for g in (ALL, "LIN", "CUR") if (s := findings.score(g, "elm", young="variable"))), None)
+    if not score:
+        return Claim("variable", text, source, NOT_TESTABLE, "", "", None, "", "no ELM ran at variable Young's modulus")
+    figure = f"S = {_share(score.stable, score.stable_interval)} of {score.insertions}"
+    mine = [row for row in main_rows(findings.rows) if (row.arm, row.young) == ("elm", "variable")]
+    failed = [border_mm(row) for row in mine if row.failed]
+    rest = [border_mm(row) for row in mine if row.stable]
+    if not score.stable_interval.low <= PAPER_STABLE <= score.stable_interval.high:
+        side = "higher" if score.stable > PAPER_STABLE else "lower"
+        reason = f"S is {side} than in the paper: 98 % lies outside the interval; {len(failed)} failures"
+        return Claim("variable", text, source, CONTRADICTED, figure, "Wilson 95 %", None, "", reason)
+    if len(failed) < FEW_FAILURES:
+        reason = f"98 % lies inside the interval, but {len(failed)} failures have no place that could be tested"
+        return Claim("variable", text, source, NOT_TESTABLE, figure, "Wilson 95 %", None, "", reason)
+    p = statistics.mann_whitney_p(failed, rest)
+    near, far = statistics.middle(failed), statistics.middle(rest)
+    holds = near < far and p < DIFFERENT
+    effect = f"median distance to a side face {near:.1f} mm of failures, {far:.1f} mm of the others"
+    reason = f"98 % lies inside the interval; failures {'lie' if holds else 'do not lie'} nearer to the borders"
+    verdict = REPRODUCED if holds else CONTRADICTED
+    return Claim("variable", text, source, verdict, figure, "Wilson 95 %; Mann-Whitney of distances", p, effect, reason)
+
+
+def no_difference(findings: Findings) -> Claim:
+    """Constant and variable Young's modulus: no significant difference by the paper's test, and by a fair one."""
+    text, source = "No significant difference between constant and variable Young's modulus, p > 0.05", "results"
+    mine = {c.comparison.group: c.comparison for c in findings.young if c.varied == "elm"}
+    found = next((mine[group] for group in (ALL, "CUR", "LIN") if group in mine), None)
+    if not found:
+        return Claim("young", text, source, NOT_TESTABLE, "", "", None, "", "no ELM ran at both on the same paths")
+    figure = (
+        f"median RMSE {_mm(found.median_first_mm)} constant, {_mm(found.median_second_mm)} variable; difference "
+        f"{_mm(found.difference_mm, signed=True)} [{_mm(found.difference_interval_mm.low, signed=True)}, "
+        f"{_mm(found.difference_interval_mm.high, signed=True)}]"
+    )
+    test = f"Mann-Whitney U over {found.pairs} paths"
+    paired = f"Wilcoxon over {found.clusters} end points p = {_p(found.p_wilcoxon)}"
+    margin = f"{statistics.MARGIN_MM:g} mm"
+    if found.p_mann_whitney <= DIFFERENT:
+        verdict, reason = CONTRADICTED, f"the paper's own test finds a difference; {paired}"
+    elif found.equivalent:
+        verdict, reason = REPRODUCED, f"the difference is shown to be smaller than {margin}; {paired}"
+    elif found.p_wilcoxon <= DIFFERENT:
+        verdict, reason = CONTRADICTED, f"unpaired there is none, but path by path there is: {paired}"
+    elif found.clusters >= PAPER_END_POINTS:
+        verdict, reason = REPRODUCED, f"none found, though not shown to be smaller than {margin}; {paired}"
+    else:
+        verdict, reason = NOT_TESTABLE, f"none found, but {found.clusters} end points are too few; {paired}"
+    effect = f"Cliff's delta {found.cliffs_delta:+.2f}"
+    return Claim("young", text, source, verdict, figure, test, found.p_mann_whitney, effect, reason)
+
+
+# ---- time
+
+
+def time_saved(findings: Findings, where: str, share: float) -> Claim:
+    """The ELM's step is shorter than I-FEM's by the stated share, however I-FEM gets its Jacobian."""
+    said = {"abstract": "reduced to a third"}.get(where, f"reduced by {100 * share:.0f} %")
+    text, key = f"Computation time is {said} ({where})", f"time-{where.replace(' ', '-')}"
+    total = [s for s in findings.savings if s.part == "total"]
+    if not total:
+        return Claim(key, text, where, NOT_TESTABLE, "", "", None, "", "no timing pass with I-FEM and ELM")
+    alone = {s.way: s for s in findings.savings if s.part == "controller"}
+    figure = "; ".join(
+        f"whole step {_share(s.saved, s.saved_interval)} shorter than {s.way}"
+        + (f", Jacobian and command alone {100 * alone[s.way].saved:.1f} %" if s.way in alone else "")
+        for s in total
+    )
+    reached = [s for s in total if s.saved >= share]
+    test = "median over paths, bootstrap 95 %"
+    if len(reached) == len(total):
+        ways = " and ".join(s.way for s in total)
+        verdict, reason = REPRODUCED, f"a whole step saves at least {100 * share:.0f} % against {ways}"
+    elif not reached:
+        verdict, reason = CONTRADICTED, f"a whole step saves less than {100 * share:.0f} % in every form of I-FEM"
+    else:
+        yes, no = ", ".join(s.way for s in reached), ", ".join(s.way for s in total if s not in reached)
+        verdict = NOT_TESTABLE
+        reason = f"holds against {yes}, not against {no}; which of them was timed is not stated"
+    if total[0].pairs < 2:
+        reason += "; a single path"
+    return Claim(key, text, where, verdict, figure, test, None, "", reason)
+
+
+# ---- words
+
+
+def _share(value: float, interval: statistics.Interval) -> str:
+    return f"{100 * value:.1f} % [{100 * interval.low:.1f}, {100 * interval.high:.1f}]"
+
+
+def _mm(value: float, *, signed: bool = False) -> str:
+    if math.isnan(value):
+        return "-"
+    if math.isinf(value):
+        return "failure" if value > 0 else "- failure"
+    return f"{value:+.3f} mm" if signed else f"{value:.3f} mm"
+
+
+def _p(value: float) -> str:
+    return f"{value:.2g}" if value >= 1e-3 else f"{value:.0e}"
