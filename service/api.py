@@ -13,7 +13,6 @@ from starlette.concurrency import run_in_threadpool
 
 from service.core import JobId, Service, ServiceOf, documented, matches
 from service.jobs import Job
-from service.problems import HttpProblem
 from service.schemas import JobPage, JobRequest, JobSummary, JobView, State
 from simcore.files import names_mean, nothing
 from simcore.presets import preset
@@ -43,8 +42,7 @@ def submit_job(
     ] = None,
 ) -> JobView:
     """Queue one insertion. The scenario is checked first: what is wrong with it is named field by field."""
-    if service.changes.closed:
-        raise HttpProblem(503, "the service is going down", headers={"Retry-After": "10"})
+    service.refuse_when_closing()
     scenario = _scenario(body.scenario)
     resolved = scenario.resolved()
     job = service.store.submit(
@@ -151,6 +149,44 @@ async def _settled(service: Service, request: Request, job_id: str, wait_s: floa
 def cancel_job(job_id: JobId, service: ServiceOf) -> JobView:
     """A queued job is cancelled at once, a running one within a second. Once more is no error."""
     return JobView.of(service.store.cancel(job_id))
+
+
+@router.post(
+    "/{job_id}/retry",
+    operation_id="retry_job",
+    summary="Run a job again",
+    status_code=status.HTTP_202_ACCEPTED,
+    responses=documented(403, 404, 409, 503),
+)
+def retry_job(job_id: JobId, service: ServiceOf) -> JobView:
+    """Queue a job again that failed, was cancelled or ran out of time; its log goes on, its attempts count on."""
+    service.refuse_when_closing()
+    job = service.store.retry(job_id)
+    service.engine.poke()
+    return JobView.of(job)
+
+
+@router.post(
+    "/{job_id}/pin",
+    operation_id="pin_job",
+    summary="Keep a job",
+    responses=documented(403, 404),
+)
+def pin_job(job_id: JobId, service: ServiceOf) -> JobView:
+    """It is passed over when old jobs are cleared away, and cannot be deleted. Once more is no error."""
+    return JobView.of(service.store.pin(job_id, pinned=True))
+
+
+@router.delete(
+    "/{job_id}/pin",
+    operation_id="unpin_job",
+    summary="Keep a job no longer",
+    status_code=status.HTTP_204_NO_CONTENT,
+    responses=documented(403, 404),
+)
+def unpin_job(job_id: JobId, service: ServiceOf) -> None:
+    """It may be cleared away again. Once more is no error."""
+    service.store.pin(job_id, pinned=False)
 
 
 @router.delete(

@@ -9,7 +9,7 @@ from typing import Any, cast
 import anyio.to_thread
 from fastapi import FastAPI
 
-from service import api, openapi, page, problems, results, system
+from service import api, events, openapi, page, problems, results, system
 from service.core import Service
 from service.guard import BodyLimit, HostGuard, KeyGuard
 from service.settings import Settings
@@ -44,7 +44,7 @@ def create_app(service: Service) -> FastAPI:
     app.state.service = service
     app.openapi = openapi.document_of(app)  # type: ignore[method-assign]
     problems.install(app)
-    for part in (api, results, system, page):
+    for part in (api, events, results, system, page):
         app.include_router(part.router)
     _guard(app, service.settings)
     return app

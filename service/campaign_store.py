@@ -97,7 +97,7 @@ class CampaignStore:
         ]
         connection.execute(insert(_case), cases)
         data = {"priority": plan.priority, "timeout_s": plan.timeout_s, "campaign": made.id}
-        events = [{"job_id": i, "at": now, "kind": "submitted", "attempt": 0, "data": data} for i in ids]
+        events = [{"job_id": i, "at": now, "kind": QUEUED, "attempt": 0, "data": data} for i in ids]
         connection.execute(insert(tables.event), events)
 
     # -- reading

@@ -7,6 +7,8 @@ import threading
 from collections.abc import Iterator
 from contextlib import contextmanager
 
+EVERYTHING = ""  # what those watch who want to hear of every job
+
 
 class Changes:
     """A notice board: any thread says that a job changed, coroutines wait for it. Holds no state of its own."""
@@ -22,9 +24,9 @@ class Changes:
         return self._closed
 
     def notify(self, job_id: str) -> None:
-        """Wake everybody who waits for this job. From any thread."""
+        """Wake everybody who waits for this job, or for any. From any thread."""
         with self._lock:
-            waiting = list(self._waiting.get(job_id, ()))
+            waiting = [*self._waiting.get(job_id, ()), *self._waiting.get(EVERYTHING, ())]
         self._wake(waiting)
 
     def close(self) -> None:
@@ -42,7 +44,7 @@ class Changes:
 
     @contextmanager
     def watch(self, job_id: str) -> Iterator[asyncio.Event]:
-        """An event that is set by each change of the job. Begin watching before reading the job."""
+        """An event that is set by each change of the job, or of any job. Begin watching before reading the job."""
         entry = (asyncio.get_running_loop(), asyncio.Event())
         with self._lock:
             self._waiting.setdefault(job_id, []).append(entry)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import time
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field
@@ -19,6 +20,7 @@ from simcore.scenario import Scenario
 TERMINAL = frozenset({"succeeded", "failed", "cancelled", "timed_out"})
 _POLL_S = 20.0
 _RETRIED_S = 30.0
+_PAUSE_S = 0.3  # before connecting again
 
 
 class ServiceError(NeedlebenchError):
@@ -75,6 +77,26 @@ class JobStatus:
     def success(self) -> bool:
         """Whether the run completed and met its own definition of success."""
         return self.state == "succeeded" and bool((self.metrics or {}).get("success"))
+
+
+@dataclass(frozen=True, kw_only=True)
+class JobEvent:
+    """Something that happened to a job. `progress` for the kind "progress", which has no id; else `data` and `at`."""
+
+    id: int | None
+    kind: str
+    job: str
+    attempt: int
+    at: str | None = None
+    data: Mapping[str, Any] | None = None
+    progress: Progress | None = None
+
+    @classmethod
+    def of(cls, kind: str, raw: Mapping[str, Any]) -> Self:
+        if kind != "progress":
+            return cls(**raw)
+        progress = Progress(**{name: raw[name] for name in Progress.__dataclass_fields__})
+        return cls(id=None, kind=kind, job=raw["job"], attempt=raw["attempt"], progress=progress)
 
 
 class Client:
@@ -182,6 +204,56 @@ class Client:
     def cancel(self, job_id: str) -> JobStatus:
         """Cancel a queued or running job; once more is no error."""
         return JobStatus.of(self._json("POST", f"/api/v1/jobs/{job_id}/cancel"))
+
+    def retry(self, job_id: str) -> JobStatus:
+        """Queue a job again that failed, was cancelled or ran out of time."""
+        return JobStatus.of(self._json("POST", f"/api/v1/jobs/{job_id}/retry"))
+
+    def pin(self, job_id: str) -> JobStatus:
+        """Keep the job and its files whatever is cleared away."""
+        return JobStatus.of(self._json("POST", f"/api/v1/jobs/{job_id}/pin"))
+
+    def unpin(self, job_id: str) -> None:
+        """Keep it no longer."""
+        self._request("DELETE", f"/api/v1/jobs/{job_id}/pin")
+
+    def events(self, job_id: str, *, after: int = 0) -> Iterator[JobEvent]:
+        """What happens to the job, as it happens, until it has ended. Outlasts a restart of the service.
+
+        Each change of state comes once; progress comes at most twice a second.
+        """
+        known, give_up = after, time.monotonic() + _RETRIED_S
+        while True:
+            try:
+                for event in self._streamed(f"/api/v1/jobs/{job_id}/events", known):
+                    if event is None:
+                        return
+                    known, give_up = event.id or known, time.monotonic() + _RETRIED_S
+                    yield event
+            except (Unreachable, httpx2.TransportError):
+                if time.monotonic() > give_up:
+                    raise Unreachable(f"the events from {self.url} broke off") from None
+            time.sleep(_PAUSE_S)
+
+    def _streamed(self, path: str, known: int) -> Iterator[JobEvent | None]:
+        """The events of one connection after number `known`; None when there will be no more of them."""
+        headers = {"Accept": "text/event-stream", **({"Last-Event-ID": str(known)} if known else {})}
+        kind, data = "", ""
+        with self._http.stream("GET", path, headers=headers) as answer:
+            if answer.is_error:
+                answer.read()
+                raise _refusal(answer)
+            if answer.status_code == 204:
+                yield None
+            for line in answer.iter_lines():
+                name, _, value = line.partition(": ")
+                if name == "event":
+                    kind = value
+                elif name == "data":
+                    data = value
+                elif not line and data:
+                    yield JobEvent.of(kind, json.loads(data))
+                    kind, data = "", ""
 
     def delete(self, job_id: str) -> None:
         """Forget a job that has ended, with all its files."""

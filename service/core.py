@@ -10,7 +10,7 @@ from fastapi import Depends, Path, Request
 from service.changes import Changes
 from service.database import open_database
 from service.engine import Engine
-from service.problems import MEDIA_TYPE
+from service.problems import MEDIA_TYPE, HttpProblem
 from service.schemas import ProblemDetails
 from service.settings import Settings
 from service.store import Store
@@ -31,6 +31,16 @@ class Service:
         changes = Changes()
         store = Store(open_database(settings.database), notify=changes.notify)
         return cls(settings, store, Engine(settings, store), changes)
+
+    @property
+    def closing(self) -> bool:
+        """Whether it takes no new work any more: it drains, or goes down."""
+        return self.changes.closed or self.engine.draining
+
+    def refuse_when_closing(self) -> None:
+        """Raises a problem of status 503 once no new work is taken."""
+        if self.closing:
+            raise HttpProblem(503, "the service is going down", headers={"Retry-After": "10"})
 
 
 async def _service_of(request: Request) -> Service:

@@ -6,7 +6,7 @@ import logging
 import threading
 
 from service.settings import Settings
-from service.slot import Slot
+from service.slot import Signals, Slot
 from service.store import Store
 
 _log = logging.getLogger("needlebench")
@@ -18,8 +18,12 @@ class Engine:
     def __init__(self, settings: Settings, store: Store) -> None:
         self._store = store
         self._stopping = threading.Event()
+        self._draining = threading.Event()
         self._news = threading.Condition()
-        self._slots = [Slot(settings, store, self._stopping, self._news, n) for n in range(settings.workers)]
+        self._slots = [
+            Slot(settings, store, Signals(self._stopping, self._draining, self._news), number)
+            for number in range(settings.workers)
+        ]
 
     def start(self) -> None:
         """Requeue what a dead server left running, then begin."""
@@ -27,6 +31,21 @@ class Engine:
             _log.warning("job %s was running when the server died: it is %s now", job.id, job.state)
         for slot in self._slots:
             slot.start()
+
+    def drain(self) -> None:
+        """Begin nothing new; what runs may end."""
+        self._draining.set()
+        self.poke()
+
+    @property
+    def draining(self) -> bool:
+        """Whether it begins nothing new any more."""
+        return self._draining.is_set()
+
+    @property
+    def busy(self) -> int:
+        """How many slots see a job through."""
+        return sum(slot.job_id is not None for slot in self._slots)
 
     def stop(self) -> None:
         """End the workers; running jobs go back into the queue, without a crash counted against them."""

@@ -14,12 +14,16 @@ LEGAL: dict[str, frozenset[str]] = {
     QUEUED: frozenset({RUNNING, CANCELLED}),
     RUNNING: frozenset({SUCCEEDED, FAILED, CANCELLED, TIMED_OUT, QUEUED}),
     SUCCEEDED: frozenset(),
-    FAILED: frozenset(),
-    CANCELLED: frozenset(),
-    TIMED_OUT: frozenset(),
+    FAILED: frozenset({QUEUED}),
+    CANCELLED: frozenset({QUEUED}),
+    TIMED_OUT: frozenset({QUEUED}),
 }
-TERMINAL = frozenset(state for state, following in LEGAL.items() if not following)
-MAXIMUM_CRASHES = 3
+TERMINAL = frozenset(
+    {SUCCEEDED, FAILED, CANCELLED, TIMED_OUT}
+)  # nothing happens to it unless somebody asks for a retry
+MAXIMUM_CRASHES = 3  # deaths of its worker that a job is forgiven, less one
+MAXIMUM_ATTEMPTS = 25  # after which a death of the whole server is laid to the job that ran
+CRASHED, REQUEUED = "crashed", "requeued"  # events: back in the queue, after a death or after an orderly stop
 
 
 class UnknownJob(NeedlebenchError, LookupError):
@@ -89,6 +93,7 @@ class Job:
     attempt: int
     crashes: int
     cancel_requested: bool
+    pinned: bool
     heartbeat_at: float | None
     progress: dict[str, Any] | None
     metrics: dict[str, Any] | None
@@ -104,7 +109,7 @@ class Job:
 
     @property
     def terminal(self) -> bool:
-        """Whether nothing will happen to it any more."""
+        """Whether nothing will happen to it any more, unless somebody asks for a retry."""
         return self.state in TERMINAL
 
     @property

@@ -37,7 +37,7 @@ class ScheduleChanged(NeedlebenchError):
 
 @dataclass(frozen=True, kw_only=True)
 class Schedule:
-    """One row of the schedule table. request: of the campaign that each tick starts. Times are UTC seconds since 1970."""
+    """One row of the schedule table; `request` is of the campaign that each tick starts. Times: UTC s since 1970."""
 
     seq: int
     id: str

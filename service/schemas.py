@@ -7,7 +7,7 @@ from typing import Annotated, Any, Literal, Self
 
 from pydantic import BaseModel, ConfigDict, Field, WithJsonSchema, field_validator
 
-from service.jobs import SUCCEEDED, Artefact, Job
+from service.jobs import SUCCEEDED, Artefact, Event, Job
 
 State = Literal["queued", "running", "succeeded", "failed", "cancelled", "timed_out"]
 
@@ -80,6 +80,8 @@ class Links(BaseModel):
 
     self: str
     cancel: str
+    events: str
+    log: str
     metrics: str | None
     series: str | None
     recording: str | None
@@ -95,6 +97,7 @@ class JobSummary(BaseModel):
     attempt: int = Field(description="How often it was started; 0 = not yet.")
     priority: int
     timeout_s: float
+    pinned: bool = Field(description="Kept whatever is cleared away.")
     progress: Progress
     metrics: dict[str, Any] | None
     error: JobError | None
@@ -113,6 +116,7 @@ class JobSummary(BaseModel):
             "attempt": job.attempt,
             "priority": job.priority,
             "timeout_s": job.timeout_s,
+            "pinned": job.pinned,
             "progress": Progress.of(job),
             "metrics": job.metrics,
             "error": None if kind is None else JobError(kind=kind, message=job.error or ""),
@@ -136,6 +140,28 @@ class JobView(JobSummary):
     @classmethod
     def of(cls, job: Job) -> Self:
         return cls(**cls.fields_of(job), scenario=(job.spec or {})["scenario"], result=job.result)
+
+
+class EventView(BaseModel):
+    """One entry of the log of a job. id: goes up over all jobs."""
+
+    id: int
+    job: str
+    kind: str
+    attempt: int
+    at: datetime
+    data: dict[str, Any] | None
+
+    @classmethod
+    def of(cls, event: Event) -> Self:
+        at = datetime.fromtimestamp(event.at, UTC)
+        return cls(id=event.seq, job=event.job_id, kind=event.kind, attempt=event.attempt, at=at, data=event.data)
+
+
+class EventList(BaseModel):
+    """Events, oldest first, at most 1000; the next ones come with `after` = the id of the last."""
+
+    items: list[EventView]
 
 
 class JobPage(BaseModel):
@@ -233,6 +259,8 @@ def links_of(job: Job) -> Links:
     return Links(
         self=base,
         cancel=f"{base}/cancel",
+        events=f"{base}/events",
+        log=f"{base}/log",
         metrics=f"{base}/metrics" if done else None,
         series=f"{base}/series" if done else None,
         recording=f"/recordings/{job.id}.rrd" if job.started_at is not None else None,

@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import logging
+import math
 import shutil
 import threading
 import time
 from collections.abc import Callable
 from concurrent.futures import Future, wait
+from dataclasses import dataclass
 from typing import Any
 
 from sqlalchemy.exc import SQLAlchemyError
@@ -23,8 +25,18 @@ _IDLE_S = 0.5
 _FIRST_PAUSE_S, _LONGEST_PAUSE_S = 1.0, 30.0
 
 
+@dataclass(frozen=True)
+class Signals:
+    """What all slots of an engine listen to: end at once, begin nothing new, there is something to do."""
+
+    stopping: threading.Event
+    draining: threading.Event
+    news: threading.Condition
+
+
 class Slot(threading.Thread):
-    """A thread with a worker process. `pid` is that of a warm worker; `problem` says why there is none.
+    """A thread with a worker process. `pid` is that of a warm worker, `problem` says why there is none; `job_id` is
+    that of the job it sees through.
 
     The thread that starts a worker must outlive it: Linux tells a child of the death of its parent's thread.
     """
@@ -33,17 +45,18 @@ class Slot(threading.Thread):
         self,
         settings: Settings,
         store: Store,
-        stopping: threading.Event,
-        news: threading.Condition,
+        signals: Signals,
         number: int,
     ) -> None:
         super().__init__(name=f"slot-{number}", daemon=True)
         self._settings = settings
         self._store = store
-        self._stopping = stopping
-        self._news = news
+        self._stopping = signals.stopping
+        self._draining = signals.draining
+        self._news = signals.news
         self._worker: pool.Worker | None = None
         self.pid: int | None = None
+        self.job_id: str | None = None
         self.problem: str | None = None
 
     def run(self) -> None:
@@ -65,9 +78,13 @@ class Slot(threading.Thread):
         workman = self._warm_worker()
         if workman is None:
             return
-        job = self._store.claim()
+        job = None if self._draining.is_set() else self._store.claim()
         if job is not None:
-            self._see_through(workman, job)
+            self.job_id = job.id
+            try:
+                self._see_through(workman, job)
+            finally:
+                self.job_id = None
             return
         with self._news:
             self._news.wait(_IDLE_S)
@@ -116,10 +133,12 @@ class Slot(threading.Thread):
         folder = self._settings.data / job.folder
         deadline = time.monotonic() + job.timeout_s
         known: dict[str, Any] | None = None
+        told = -math.inf
         while not self._stopping.is_set():
             done = bool(wait([future], timeout=_TICK_S).done)
             now = progress.read(folder)
-            cancelled = self._cancelled(job, None if now == known else now)
+            due = now != known and (done or time.monotonic() - told >= progress.INTERVAL_S)
+            cancelled = self._cancelled(job, now if due else None)
             if done:
                 return self._outcome(job, pool.answer(future))
             if not workman.alive:
@@ -128,7 +147,8 @@ class Slot(threading.Thread):
                 return self._cut_short(job, CANCELLED, None)
             if time.monotonic() > deadline:
                 return self._cut_short(job, TIMED_OUT, f"it did not end within timeout_s = {job.timeout_s:g}")
-            known = now
+            if due:
+                known, told = now, time.monotonic()
         return None
 
     def _cancelled(self, job: Job, news: dict[str, Any] | None) -> bool:

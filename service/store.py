@@ -10,31 +10,31 @@ from contextlib import contextmanager
 from dataclasses import fields
 from typing import Any
 
-from sqlalchemy import Connection, Engine, Row, Update, delete, insert, literal, select, text, update
+from sqlalchemy import Connection, Engine, Update, delete, insert, select, update
 
 from service import tables
 from service.jobs import (
     CANCELLED,
+    CRASHED,
     FAILED,
     LEGAL,
+    MAXIMUM_ATTEMPTS,
     MAXIMUM_CRASHES,
     QUEUED,
+    REQUEUED,
     RUNNING,
     Artefact,
-    Event,
     IllegalTransition,
     Job,
     KeyReused,
     Outcome,
-    UnknownJob,
 )
+from service.reads import COLUMNS, LISTED, Reads, read, to_job
 
 _job = tables.job
-_COLUMNS = [_job.c[field.name] for field in fields(Job)]
-_LISTED = [literal(None).label(c.name) if c.name in ("spec", "result") else c for c in _COLUMNS]
 
 
-class Store:
+class Store(Reads):
     """Jobs, artefacts and events. `now` gives UTC seconds since 1970; `notify` hears the id of each changed job."""
 
     def __init__(
@@ -44,7 +44,7 @@ class Store:
         now: Callable[[], float] = time.time,
         notify: Callable[[str], None] = lambda _: None,
     ) -> None:
-        self._engine = engine
+        super().__init__(engine)
         self._writer = engine.execution_options(write=True)
         self._turn = threading.Lock()  # writers of this process queue up here and not in SQLite's busy loop
         self.now = now
@@ -56,22 +56,11 @@ class Store:
         with self._turn, self._writer.begin() as connection:
             yield connection
 
-    @contextmanager
-    def reading(self) -> Iterator[Connection]:
-        """A transaction that sees one state of the database and changes nothing."""
-        with self._engine.begin() as connection:
-            yield connection
-
     def close(self) -> None:
         """Give the connections back."""
         self._engine.dispose()
 
-    def ping(self) -> None:
-        """Raises when the database cannot be read."""
-        with self.reading() as connection:
-            connection.execute(text("SELECT 1"))
-
-    # -- submitting and reading
+    # -- submitting
 
     def submit(
         self,
@@ -104,16 +93,18 @@ class Store:
                     attempt=0,
                     crashes=0,
                     cancel_requested=False,
+                    pinned=False,
                     created_at=self.now(),
                     version=1,
                 )
-                .returning(*_COLUMNS)
+                .returning(*COLUMNS)
             ).one()
-            job = _to_job(row)
+            job = to_job(row)
             if key is not None:
                 seen = {"key": key, "request_hash": request_hash, "job_id": job.id, "created_at": self.now()}
                 connection.execute(insert(tables.idempotency).values(seen))
-            self._log(connection, job, "submitted", {"priority": priority, "timeout_s": timeout_s})
+            self._log(connection, job, QUEUED, {"priority": priority, "timeout_s": timeout_s})
+        self.notify(job.id)
         return job
 
     def _known(self, connection: Connection, key: str | None, request_hash: str) -> Job | None:
@@ -124,46 +115,7 @@ class Store:
             return None
         if seen.request_hash != request_hash:
             raise KeyReused(f"this key was used for job {seen.job_id} with another request")
-        return self._read(connection, seen.job_id)
-
-    def get(self, job_id: str) -> Job:
-        """The job with its spec and result. Raises UnknownJob."""
-        with self.reading() as connection:
-            return self._read(connection, job_id)
-
-    def glance(self, job_id: str) -> Job:
-        """The job without its spec and result, which can be large. Raises UnknownJob."""
-        with self.reading() as connection:
-            return self._read(connection, job_id, _LISTED)
-
-    def _read(self, connection: Connection, job_id: str, columns: list[Any] = _COLUMNS) -> Job:
-        row = connection.execute(select(*columns).where(_job.c.id == job_id)).one_or_none()
-        if row is None:
-            raise UnknownJob(f"there is no job {job_id}")
-        return _to_job(row)
-
-    def newest(self, *, state: str | None = None, limit: int = 50, before: int | None = None) -> list[Job]:
-        """Jobs without spec and result, newest first, those that arrived before sequence number `before`."""
-        query = select(*_LISTED).order_by(_job.c.seq.desc()).limit(limit)
-        if state is not None:
-            query = query.where(_job.c.state == state)
-        if before is not None:
-            query = query.where(_job.c.seq < before)
-        with self.reading() as connection:
-            return [_to_job(row) for row in connection.execute(query)]
-
-    def artefacts(self, job_id: str) -> list[Artefact]:
-        """What the job left behind, by name."""
-        query = select(*(tables.artefact.c[field.name] for field in fields(Artefact)))
-        query = query.where(tables.artefact.c.job_id == job_id).order_by(tables.artefact.c.name)
-        with self.reading() as connection:
-            return [Artefact(**row._mapping) for row in connection.execute(query)]
-
-    def events(self, job_id: str) -> list[Event]:
-        """What happened to the job, oldest first."""
-        query = select(tables.event).where(tables.event.c.job_id == job_id).order_by(tables.event.c.seq)
-        with self.reading() as connection:
-            return [Event(**row._mapping) for row in connection.execute(query)]
+        return read(connection, seen.job_id)
 
     # -- the life of a job
 
@@ -182,11 +134,11 @@ class Store:
         values = {"state": RUNNING, "attempt": _job.c.attempt + 1, "started_at": now, "heartbeat_at": now}
         with self.writing() as connection:
             row = connection.execute(
-                statement.values(**values, progress=None, version=_job.c.version + 1).returning(*_COLUMNS)
+                statement.values(**values, progress=None, version=_job.c.version + 1).returning(*COLUMNS)
             ).one_or_none()
             if row is None:
                 return None
-            job = _to_job(row)
+            job = to_job(row)
             self._log(connection, job, "started")
         self.notify(job.id)
         return job
@@ -222,35 +174,73 @@ class Store:
 
     def requeue(self, job: Job, *, reason: str, crashed: bool) -> Job:
         """Put the running attempt `job` back into the queue; after three crashes it has failed instead."""
+        crashes = job.crashes + crashed
+        return self._again(job, reason, CRASHED if crashed else REQUEUED, crashes, crashes >= MAXIMUM_CRASHES)
+
+    def recover(self) -> list[Job]:
+        """At start: jobs that were running when the server died go back into the queue.
+
+        The death of the server is no fault of theirs, unless it happens in very many attempts.
+        """
+        with self.reading() as connection:
+            left = [to_job(row) for row in connection.execute(select(*COLUMNS).where(_job.c.state == RUNNING))]
+        reason = "the server died"
+        return [self._again(job, reason, CRASHED, job.crashes, job.attempt >= MAXIMUM_ATTEMPTS) for job in left]
+
+    def _again(self, job: Job, reason: str, kind: str, crashes: int, hopeless: bool) -> Job:
+        """Another attempt of the running `job`, unless somebody cancelled it or it is hopeless."""
         with self.writing() as connection:
-            now = self._read(connection, job.id)
-            crashes = now.crashes + crashed
-            if now.cancel_requested:
-                moved = self._move(connection, job, CANCELLED, {"crashes": crashes, "finished_at": self.now()})
+            values: dict[str, Any] = {"crashes": crashes}
+            if read(connection, job.id, LISTED).cancel_requested:
+                moved = self._move(connection, job, CANCELLED, {**values, "finished_at": self.now()})
                 self._log(connection, moved, CANCELLED)
-            elif crashed and crashes >= MAXIMUM_CRASHES:
-                message = f"gave up after {crashes} attempts; the last one ended so: {reason}"
-                values: dict[str, Any] = {"crashes": crashes, "error_kind": "worker_died", "error": message}
+            elif hopeless:
+                message = f"gave up after {job.attempt} attempts; the last one ended so: {reason}"
+                values = {**values, "error_kind": "worker_died", "error": message}
                 moved = self._move(connection, job, FAILED, {**values, "finished_at": self.now()})
                 self._log(connection, moved, FAILED, values)
             else:
-                moved = self._move(
-                    connection, job, QUEUED, {"crashes": crashes, "heartbeat_at": None, "progress": None}
-                )
-                self._log(connection, moved, "requeued", {"reason": reason})
+                moved = self._move(connection, job, QUEUED, {**values, "heartbeat_at": None, "progress": None})
+                self._log(connection, moved, kind, {"reason": reason})
         self.notify(job.id)
         return moved
 
-    def recover(self) -> list[Job]:
-        """At start: jobs that were running when the server died go back into the queue."""
-        with self.reading() as connection:
-            left = [_to_job(row) for row in connection.execute(select(*_COLUMNS).where(_job.c.state == RUNNING))]
-        return [self.requeue(job, reason="the server died", crashed=True) for job in left]
+    def retry(self, job_id: str) -> Job:
+        """Queue a job again that failed, was cancelled or ran out of time. Raises IllegalTransition.
+
+        The attempts go on counting; what the last one left is no longer listed.
+        """
+        fresh: dict[str, Any] = dict.fromkeys(
+            ("progress", "metrics", "result", "error_kind", "error", "cpu_s", "max_rss_mb", "heartbeat_at")
+        )
+        fresh |= {"crashes": 0, "cancel_requested": False, "started_at": None, "finished_at": None}
+        with self.writing() as connection:
+            job = read(connection, job_id, LISTED)
+            if not job.terminal:
+                raise IllegalTransition(job_id, job.state, QUEUED)
+            moved = self._move(connection, job, QUEUED, fresh)
+            connection.execute(delete(tables.artefact).where(tables.artefact.c.job_id == job_id))
+            self._log(connection, moved, QUEUED, {"retry_of": job.state, "error": job.error})
+        self.notify(job_id)
+        return moved
+
+    def pin(self, job_id: str, *, pinned: bool) -> Job:
+        """Keep a job whatever is cleared away, or no longer. Once more is no error."""
+        with self.writing() as connection:
+            job = read(connection, job_id)
+            if job.pinned == pinned:
+                return job
+            values = {"pinned": pinned, "version": _job.c.version + 1}
+            connection.execute(update(_job).where(_job.c.id == job_id).values(**values))
+            self._log(connection, job, "pinned" if pinned else "unpinned")
+            job = read(connection, job_id)
+        self.notify(job_id)
+        return job
 
     def cancel(self, job_id: str) -> Job:
         """Cancel a queued job, ask a running one to stop. Once more is no error. Raises IllegalTransition."""
         with self.writing() as connection:
-            job = self._read(connection, job_id)
+            job = read(connection, job_id)
             if job.state == CANCELLED or (job.state == RUNNING and job.cancel_requested):
                 return job
             if job.state == QUEUED:
@@ -259,7 +249,7 @@ class Store:
             elif job.state == RUNNING:
                 values = {"cancel_requested": True, "version": _job.c.version + 1}
                 connection.execute(_of_attempt(job).values(**values))
-                changed = self._read(connection, job_id)
+                changed = read(connection, job_id)
                 self._log(connection, changed, "cancel_requested")
             else:
                 raise IllegalTransition(job_id, job.state, CANCELLED)
@@ -267,11 +257,14 @@ class Store:
         return changed
 
     def delete(self, job_id: str) -> None:
-        """Forget a job that has ended, with its artefacts' rows. Raises IllegalTransition while it is active."""
+        """Forget a job that has ended, with its artefacts' rows. Raises IllegalTransition while it is active or pinned.
+
+        The row goes before the files: a kill in between leaves a folder without a job, which `retention` clears away.
+        """
         with self.writing() as connection:
-            job = self._read(connection, job_id, _LISTED)
-            if not job.terminal:
-                raise IllegalTransition(job_id, job.state, "deleted")
+            job = read(connection, job_id, LISTED)
+            if not job.terminal or job.pinned:
+                raise IllegalTransition(job_id, "pinned" if job.pinned else job.state, "deleted")
             connection.execute(delete(_job).where(_job.c.id == job_id))
             self._log(connection, job, "deleted")
         self.notify(job_id)
@@ -280,10 +273,10 @@ class Store:
         """Change the state of `job` as it was read; the attempt is the fence against an owner of before."""
         if state in LEGAL[job.state]:
             statement = _of_attempt(job).values(**values, state=state, version=_job.c.version + 1)
-            row = connection.execute(statement.returning(*_COLUMNS)).one_or_none()
+            row = connection.execute(statement.returning(*COLUMNS)).one_or_none()
             if row is not None:
-                return _to_job(row)
-        raise IllegalTransition(job.id, self._read(connection, job.id).state, state)
+                return to_job(row)
+        raise IllegalTransition(job.id, read(connection, job.id).state, state)
 
     def _log(self, connection: Connection, job: Job, kind: str, data: dict[str, Any] | None = None) -> None:
         row = {"job_id": job.id, "at": self.now(), "kind": kind, "attempt": job.attempt, "data": data}
@@ -292,8 +285,3 @@ class Store:
 
 def _of_attempt(job: Job) -> Update:
     return update(_job).where(_job.c.id == job.id, _job.c.attempt == job.attempt, _job.c.state == job.state)
-
-
-def _to_job(row: Row[Any]) -> Job:
-    columns = dict(row._mapping)
-    return Job(**{**columns, "timeout_s": float(columns["timeout_s"])})  # SQLite returns 3.0 as 3

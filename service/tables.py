@@ -17,6 +17,7 @@ from sqlalchemy import (
     Table,
     Text,
     UniqueConstraint,
+    false,
     text,
 )
 
@@ -49,6 +50,7 @@ job = Table(
     Column("attempt", Integer, nullable=False),  # counts the claims; with the id it names the owner of a running job
     Column("crashes", Integer, nullable=False),  # attempts that ended with the death of a worker or of the server
     Column("cancel_requested", Boolean(create_constraint=False), nullable=False),
+    Column("pinned", Boolean(create_constraint=False), nullable=False, server_default=false()),  # never cleared away
     Column("heartbeat_at", Float),
     Column("progress", JSON(none_as_null=True)),
     Column("metrics", JSON(none_as_null=True)),

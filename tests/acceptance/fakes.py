@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import os
+import signal
 import time
 from pathlib import Path
 from typing import Any
@@ -14,12 +15,17 @@ from service.progress import replace_text
 
 
 def run_job(spec: dict[str, Any], artefact_dir: Path) -> dict[str, Any]:
-    """Behaves as the name of the scenario says: quick, long, raises, dies, or dies in its first attempt only."""
+    """Behaves as the name of the scenario says: quick, long, raises, dies, deaf to signals, or so once only."""
     name = spec["scenario"]["name"]
+    if name.endswith(" once") and artefact_dir.name != "1":
+        name = "quick"
+    name = name.removesuffix(" once")
+    if name == "deaf":
+        signal.signal(signal.SIGTERM, signal.SIG_IGN)
     (artefact_dir / "pid").write_text(str(os.getpid()))
     if name == "raises":
         raise ValueError("asked to")
-    if name == "dies" or (name == "dies once" and artefact_dir.name == "1"):
+    if name == "dies":
         os._exit(9)
     with (artefact_dir / "recording.rrd").open("wb") as recording:
         for step in range(1, 2 if name == "quick" else 1200):

@@ -24,10 +24,10 @@ PATIENCE_S = 60.0
 class Server:
     """The process; `client` talks to it."""
 
-    def __init__(self, data: Path, *, runner: str = FAKE, workers: int = 2) -> None:
+    def __init__(self, data: Path, *, runner: str = FAKE, workers: int = 2, port: int = 0) -> None:
         self.data = data
         code = "from tests.acceptance.server import main; main()"
-        command = [sys.executable, "-c", code, str(data), runner, str(workers)]
+        command = [sys.executable, "-c", code, str(data), runner, str(workers), str(port)]
         self.process = subprocess.Popen(command, cwd=ROOT, stdout=subprocess.PIPE, text=True)
         assert self.process.stdout is not None
         self.url = self.process.stdout.readline().strip()
@@ -53,8 +53,8 @@ class Server:
 
 
 @contextmanager
-def running_server(data: Path, *, runner: str = FAKE, workers: int = 2) -> Iterator[Server]:
-    server = Server(data, runner=runner, workers=workers)
+def running_server(data: Path, *, runner: str = FAKE, workers: int = 2, port: int = 0) -> Iterator[Server]:
+    server = Server(data, runner=runner, workers=workers, port=port)
     try:
         yield server
     finally:
@@ -96,6 +96,6 @@ def children(pid: int) -> list[int]:
 
 def main() -> None:
     """What the process of `Server` runs."""
-    data, runner, workers = sys.argv[1:4]
-    settings = Settings(data=Path(data), port=0, runner=runner or RUNNER, workers=int(workers))
+    data, runner, workers, port = sys.argv[1:5]
+    settings = Settings(data=Path(data), port=int(port), runner=runner or RUNNER, workers=int(workers))
     serve(settings, announce=lambda url: print(url, flush=True))

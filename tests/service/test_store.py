@@ -11,7 +11,17 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from service.database import open_database
-from service.jobs import LEGAL, TERMINAL, Artefact, IllegalTransition, Job, KeyReused, Outcome, UnknownJob
+from service.jobs import (
+    LEGAL,
+    MAXIMUM_ATTEMPTS,
+    TERMINAL,
+    Artefact,
+    IllegalTransition,
+    Job,
+    KeyReused,
+    Outcome,
+    UnknownJob,
+)
 from service.store import Store
 
 
@@ -54,8 +64,8 @@ def test_the_life_of_a_job(store: Store, heard: list[str]) -> None:
     done = store.finish(running, Outcome(state="succeeded", result=RESULT.result, artefacts=(file,)))
     assert (done.state, done.attempt, done.metrics) == ("succeeded", 1, {"rmse_mm": 0.5})
     assert store.artefacts(job.id) == [file]
-    assert kinds(store, job) == ["submitted", "started", "succeeded"]
-    assert heard == [job.id] * 3
+    assert kinds(store, job) == ["queued", "started", "succeeded"]
+    assert heard == [job.id] * 4
     assert job.version < running.version < done.version
     assert job.created_at < (running.started_at or 0) < (done.finished_at or 0)
 
@@ -81,7 +91,7 @@ def test_a_cancelled_queue_entry_is_never_claimed(store: Store) -> None:
     assert store.cancel(job.id).state == "cancelled"
     assert store.cancel(job.id).state == "cancelled"
     assert store.claim() is None
-    assert kinds(store, job) == ["submitted", "cancelled"]
+    assert kinds(store, job) == ["queued", "cancelled"]
 
 
 def test_cancelling_a_running_job_asks_its_owner(store: Store) -> None:
@@ -90,7 +100,7 @@ def test_cancelling_a_running_job_asks_its_owner(store: Store) -> None:
     for _ in range(2):
         assert store.cancel(running.id).cancel_requested
     assert store.finish(running, Outcome(state="cancelled")).state == "cancelled"
-    assert kinds(store, running) == ["submitted", "started", "cancel_requested", "cancelled"]
+    assert kinds(store, running) == ["queued", "started", "cancel_requested", "cancelled"]
 
 
 def test_a_job_that_ended_cannot_be_cancelled(store: Store) -> None:
@@ -153,7 +163,7 @@ def test_only_ended_jobs_can_be_deleted(store: Store) -> None:
     store.delete(job.id)
     with pytest.raises(UnknownJob):
         store.get(job.id)
-    assert kinds(store, job) == ["submitted", "cancelled", "deleted"]
+    assert kinds(store, job) == ["queued", "cancelled", "deleted"]
 
 
 def test_pages_are_newest_first_and_without_the_large_fields(store: Store) -> None:
@@ -174,7 +184,43 @@ def test_a_result_with_nan_is_refused_and_the_job_stays(store: Store) -> None:
     assert store.get(running.id).state == "running"
 
 
-ACTIONS = ("claim", "finish", "fail", "crash", "stop", "cancel", "recover", "beat")
+def test_the_death_of_the_server_is_laid_to_a_job_after_very_many_attempts_only(store: Store) -> None:
+    job = submit(store)
+    for attempt in range(1, MAXIMUM_ATTEMPTS):
+        assert claim(store).attempt == attempt
+        (again,) = store.recover()
+        assert (again.state, again.crashes) == ("queued", 0)
+    claim(store)
+    (given_up,) = store.recover()
+    assert (given_up.state, given_up.error_kind) == ("failed", "worker_died")
+    assert store.events(job.id)[2].kind == "crashed"
+
+
+def test_a_retry_begins_anew_and_keeps_the_log(store: Store) -> None:
+    job = submit(store)
+    running = claim(store)
+    file = Artefact(kind="recording", name="recording.rrd", path="jobs/a/1/recording.rrd", sha256="ab", bytes=3)
+    store.finish(running, Outcome(state="failed", error_kind="exception", error="x", artefacts=(file,)))
+    again = store.retry(job.id)
+    assert (again.state, again.error, again.finished_at, again.attempt) == ("queued", None, None, 1)
+    assert store.artefacts(job.id) == []
+    assert claim(store).attempt == 2
+    assert kinds(store, job) == ["queued", "started", "failed", "queued", "started"]
+    with pytest.raises(IllegalTransition, match="is running"):
+        store.retry(job.id)
+
+
+def test_a_pinned_job_is_not_deleted(store: Store) -> None:
+    job = submit(store)
+    store.cancel(job.id)
+    assert store.pin(job.id, pinned=True).pinned
+    with pytest.raises(IllegalTransition, match="is pinned"):
+        store.delete(job.id)
+    store.pin(job.id, pinned=False)
+    store.delete(job.id)
+
+
+ACTIONS = ("retry", "claim", "finish", "fail", "crash", "stop", "cancel", "recover", "beat")
 
 
 @settings(max_examples=25, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
@@ -202,6 +248,8 @@ def _act(store: Store, job: Job, owner: Job | None, action: str) -> Job | None:
             store.cancel(job.id)
         elif action == "recover":
             store.recover()
+        elif action == "retry":
+            store.retry(job.id)
         elif owner is not None:
             _end(store, owner, action)
     except IllegalTransition:

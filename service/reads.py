@@ -1,0 +1,121 @@
+"""What can be asked of the store: jobs, their files and their history. Changes nothing."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import fields
+from typing import Any
+
+from sqlalchemy import Connection, Engine, Row, func, literal, select, text
+
+from service import tables
+from service.jobs import QUEUED, TERMINAL, Artefact, Event, Job, UnknownJob
+
+JOB = tables.job
+COLUMNS = [JOB.c[field.name] for field in fields(Job)]
+LISTED = [literal(None).label(c.name) if c.name in ("spec", "result") else c for c in COLUMNS]
+_MOST_EVENTS = 1000
+
+
+class Reads:
+    """The reading half of the store, one short transaction a question."""
+
+    def __init__(self, engine: Engine) -> None:
+        self._engine = engine
+
+    @contextmanager
+    def reading(self) -> Iterator[Connection]:
+        """A transaction that sees one state of the database and changes nothing."""
+        with self._engine.begin() as connection:
+            yield connection
+
+    def ping(self) -> None:
+        """Raises when the database cannot be read."""
+        with self.reading() as connection:
+            connection.execute(text("SELECT 1"))
+
+    def get(self, job_id: str) -> Job:
+        """The job with its spec and result. Raises UnknownJob."""
+        with self.reading() as connection:
+            return read(connection, job_id)
+
+    def glance(self, job_id: str) -> Job:
+        """The job without its spec and result, which can be large. Raises UnknownJob."""
+        with self.reading() as connection:
+            return read(connection, job_id, LISTED)
+
+    def having(self, job_id: str) -> list[Job]:
+        """The job without its spec and result, if there is one."""
+        with self.reading() as connection:
+            rows = connection.execute(select(*LISTED).where(JOB.c.id == job_id))
+            return [to_job(row) for row in rows]
+
+    def newest(self, *, state: str | None = None, limit: int = 50, before: int | None = None) -> list[Job]:
+        """Jobs without spec and result, newest first, those that arrived before sequence number `before`."""
+        query = select(*LISTED).order_by(JOB.c.seq.desc()).limit(limit)
+        if state is not None:
+            query = query.where(JOB.c.state == state)
+        if before is not None:
+            query = query.where(JOB.c.seq < before)
+        with self.reading() as connection:
+            return [to_job(row) for row in connection.execute(query)]
+
+    def ended(self) -> list[Job]:
+        """Every job that has ended, without spec and result, the one that ended last first."""
+        query = select(*LISTED).where(JOB.c.state.in_(sorted(TERMINAL)))
+        with self.reading() as connection:
+            return [
+                to_job(row) for row in connection.execute(query.order_by(JOB.c.finished_at.desc(), JOB.c.seq.desc()))
+            ]
+
+    def counts(self) -> dict[str, int]:
+        """How many jobs there are in each state, those with none included."""
+        query = select(JOB.c.state, func.count()).group_by(JOB.c.state)
+        with self.reading() as connection:
+            found: dict[str, int] = dict(connection.execute(query).tuples().all())
+        return {state: found.get(state, 0) for state in tables.STATES}
+
+    def oldest_queued_at(self) -> float | None:
+        """When the job that has waited longest was submitted; None when nothing waits."""
+        with self.reading() as connection:
+            return connection.execute(select(func.min(JOB.c.created_at)).where(JOB.c.state == QUEUED)).scalar()
+
+    def ids(self) -> set[str]:
+        """The ids of all jobs."""
+        with self.reading() as connection:
+            return set(connection.execute(select(JOB.c.id)).scalars())
+
+    def artefacts(self, job_id: str) -> list[Artefact]:
+        """What the job left behind, by name."""
+        query = select(*(tables.artefact.c[field.name] for field in fields(Artefact)))
+        query = query.where(tables.artefact.c.job_id == job_id).order_by(tables.artefact.c.name)
+        with self.reading() as connection:
+            return [Artefact(**row._mapping) for row in connection.execute(query)]
+
+    def events(self, job_id: str | None = None, *, after: int = 0, limit: int = _MOST_EVENTS) -> list[Event]:
+        """What happened to a job, or to all, after event number `after`; oldest first."""
+        query = select(tables.event).where(tables.event.c.seq > after).order_by(tables.event.c.seq).limit(limit)
+        if job_id is not None:
+            query = query.where(tables.event.c.job_id == job_id)
+        with self.reading() as connection:
+            return [Event(**row._mapping) for row in connection.execute(query)]
+
+    def last_event(self) -> int:
+        """The number of the latest event of all; 0 when there is none."""
+        with self.reading() as connection:
+            return connection.execute(select(func.max(tables.event.c.seq))).scalar() or 0
+
+
+def read(connection: Connection, job_id: str, columns: list[Any] = COLUMNS) -> Job:
+    """The job of this id, within a transaction. Raises UnknownJob."""
+    row = connection.execute(select(*columns).where(JOB.c.id == job_id)).one_or_none()
+    if row is None:
+        raise UnknownJob(f"there is no job {job_id}")
+    return to_job(row)
+
+
+def to_job(row: Row[Any]) -> Job:
+    """A row of the job table."""
+    columns = dict(row._mapping)
+    return Job(**{**columns, "timeout_s": float(columns["timeout_s"])})  # SQLite returns 3.0 as 3
