@@ -9,7 +9,7 @@ from typing import Any, cast
 import anyio.to_thread
 from fastapi import FastAPI
 
-from service import api, events, openapi, page, problems, results, system
+from service import api, api_campaigns, api_schedules, events, openapi, page, problems, results, system
 from service.core import Service
 from service.guard import BodyLimit, HostGuard, KeyGuard
 from service.settings import Settings
@@ -25,10 +25,12 @@ def create_app(service: Service) -> FastAPI:
     @asynccontextmanager
     async def lifespan(_app: FastAPI) -> AsyncIterator[None]:
         service.engine.start()
+        service.keeper.start()
         try:
             yield
         finally:
             service.changes.close()
+            await anyio.to_thread.run_sync(service.keeper.stop)
             await anyio.to_thread.run_sync(service.engine.stop)
             service.store.close()
 
@@ -44,7 +46,7 @@ def create_app(service: Service) -> FastAPI:
     app.state.service = service
     app.openapi = openapi.document_of(app)  # type: ignore[method-assign]
     problems.install(app)
-    for part in (api, events, results, system, page):
+    for part in (api, events, results, api_campaigns, api_schedules, system, page):
         app.include_router(part.router)
     _guard(app, service.settings)
     return app

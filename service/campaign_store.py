@@ -216,6 +216,24 @@ class CampaignStore:
         self._store.notify(campaign_id)
         return ended
 
+    def points(self, suite: str, *, limit: int) -> list[tuple[Campaign, dict[str, Any] | None]]:
+        """The newest campaigns of a suite that were not cancelled, oldest first, each with its point if it was kept."""
+        query = select(*_COLUMNS, _campaign.c.point).where(_campaign.c.suite == suite, _campaign.c.state == DONE)
+        with self._store.reading() as connection:
+            rows = connection.execute(query.order_by(_campaign.c.seq.desc()).limit(limit)).all()
+        return [(_to_campaign(row), row.point) for row in reversed(rows)]
+
+    def keep_point(self, campaign_id: str, point: dict[str, Any]) -> None:
+        """Keep what the campaign adds to its suite's trend."""
+        with self._store.writing() as connection:
+            connection.execute(update(_campaign).where(_campaign.c.id == campaign_id).values(point=point))
+
+    def suites(self) -> list[str]:
+        """Suites of which a campaign has ended, by name."""
+        query = select(_campaign.c.suite).where(_campaign.c.state == DONE).distinct().order_by(_campaign.c.suite)
+        with self._store.reading() as connection:
+            return list(connection.execute(query).scalars())
+
     def delete(self, campaign_id: str) -> list[str]:
         """Forget a campaign that has ended, with its jobs; the ids of these, whose folders may go.
 
@@ -248,7 +266,7 @@ def _tally(connection: Connection, campaign_id: str) -> Tally:
 
 
 def _to_campaign(row: Row[Any]) -> Campaign:
-    columns = dict(row._mapping)
+    columns = {field.name: getattr(row, field.name) for field in fields(Campaign)}
     return Campaign(**{**columns, "timeout_s": float(columns["timeout_s"])})
 
 

@@ -40,6 +40,7 @@ campaign = Table(
     Column("scheduled_for", Float),
     Column("created_at", Float, nullable=False),
     Column("finished_at", Float),
+    Column("point", JSON(none_as_null=True)),  # of its suite's trend, once it has ended
     Column("version", Integer, nullable=False),
     CheckConstraint("state IN ('running', 'done', 'cancelled')", name="state"),
     sqlite_autoincrement=True,

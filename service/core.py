@@ -2,18 +2,24 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
 from typing import Annotated, Any, cast
 
 from fastapi import Depends, Path, Request
 
+from service.campaign_store import CampaignStore
 from service.changes import Changes
 from service.database import open_database
 from service.engine import Engine
+from service.keeper import Keeper
 from service.problems import MEDIA_TYPE, HttpProblem
+from service.schedule_store import ScheduleStore
 from service.schemas import ProblemDetails
 from service.settings import Settings
 from service.store import Store
+from simcore.files import Lookup, names_mean, nothing
 
 
 @dataclass(frozen=True)
@@ -24,13 +30,26 @@ class Service:
     store: Store
     engine: Engine
     changes: Changes
+    campaigns: CampaignStore
+    schedules: ScheduleStore
+    keeper: Keeper
+    lookup: Lookup  # what the names of files in scenarios mean here
 
     @classmethod
     def open(cls, settings: Settings) -> Service:
         """The service on its data folder, not yet running. Raises DatabaseTooNew."""
-        changes = Changes()
+        changes, lookup = Changes(), nothing
         store = Store(open_database(settings.database), notify=changes.notify)
-        return cls(settings, store, Engine(settings, store), changes)
+        engine, campaigns = Engine(settings, store), CampaignStore(store)
+        schedules = ScheduleStore(store, campaigns)
+        keeper = Keeper(campaigns, schedules, poke=engine.poke, lookup=lookup)
+        return cls(settings, store, engine, changes, campaigns, schedules, keeper, lookup)
+
+    @contextmanager
+    def file_names(self) -> Iterator[None]:
+        """Within, scenarios name files as they may over HTTP."""
+        with names_mean(self.lookup):
+            yield
 
     @property
     def closing(self) -> bool:
@@ -63,6 +82,7 @@ _CAUSES = {
     403: "The page that sent this may not change anything.",
     404: "There is no such thing.",
     409: "The job is not in a state for this.",
+    412: "It was changed since it was read.",
     413: "The body is too long.",
     415: "The body is not declared as JSON.",
     421: "The Host header is not a name of this machine.",

@@ -6,10 +6,12 @@ import logging
 import threading
 from collections.abc import Callable
 
+from service import trends
 from service.campaign_plan import plan_of
 from service.campaign_store import CampaignStore
 from service.schedule_store import ScheduleStore
 from service.schedules import STARTED
+from simcore.files import Lookup, names_mean
 
 _log = logging.getLogger("needlebench")
 _LOOK_S = 1.0
@@ -18,9 +20,12 @@ _LOOK_S = 1.0
 class Keeper(threading.Thread):
     """A thread of the server. What it does is in the database before anybody hears of it, so it may die at any time."""
 
-    def __init__(self, campaigns: CampaignStore, schedules: ScheduleStore, poke: Callable[[], None]) -> None:
+    def __init__(
+        self, campaigns: CampaignStore, schedules: ScheduleStore, *, poke: Callable[[], None], lookup: Lookup
+    ) -> None:
         super().__init__(name="keeper", daemon=True)
         self._campaigns, self._schedules, self._poke = campaigns, schedules, poke
+        self._lookup = lookup
         self._stopping = threading.Event()
 
     def run(self) -> None:
@@ -33,8 +38,10 @@ class Keeper(threading.Thread):
     def look(self) -> None:
         """One look at all of them."""
         for campaign in self._campaigns.settle():
+            trends.kept_point(self._campaigns, campaign)
             _log.info("campaign %s (%s) is %s", campaign.id, campaign.name, campaign.state)
-        fired = self._schedules.fire_due(plan_of)
+        with names_mean(self._lookup):
+            fired = self._schedules.fire_due(plan_of)
         for run in fired:
             _log.info("schedule %s: tick %.0f: %s %s", run.schedule_id, run.scheduled_for, run.outcome, run.message)
         if any(run.outcome == STARTED for run in fired):

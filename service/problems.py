@@ -14,7 +14,9 @@ from sqlalchemy.exc import OperationalError
 from starlette.exceptions import HTTPException
 from starlette.responses import Response
 
+from service.campaigns import CampaignActive, UnknownCampaign
 from service.jobs import IllegalTransition, KeyReused, UnknownJob
+from service.schedules import ScheduleChanged, ScheduleExists, UnknownSchedule
 from simcore.errors import Problem, ScenarioError
 
 MEDIA_TYPE = "application/problem+json"
@@ -86,8 +88,11 @@ def install(app: FastAPI) -> None:
     app.add_exception_handler(HTTPException, _on_http)
     app.add_exception_handler(RequestValidationError, _on_request)
     app.add_exception_handler(ScenarioError, _on_scenario)
-    app.add_exception_handler(UnknownJob, _on_unknown)
-    app.add_exception_handler(IllegalTransition, _on_conflict)
+    for unknown in (UnknownJob, UnknownCampaign, UnknownSchedule):
+        app.add_exception_handler(unknown, _on_unknown)
+    for conflict in (IllegalTransition, CampaignActive, ScheduleExists):
+        app.add_exception_handler(conflict, _on_conflict)
+    app.add_exception_handler(ScheduleChanged, _on_stale)
     app.add_exception_handler(KeyReused, _on_key)
     app.add_exception_handler(OperationalError, _on_database)
     app.add_exception_handler(Exception, _on_crash)
@@ -149,6 +154,10 @@ def _on_unknown(request: Request, error: Exception) -> Response:
 
 def _on_conflict(request: Request, error: Exception) -> Response:
     return _reply(request, 409, str(error))
+
+
+def _on_stale(request: Request, error: Exception) -> Response:
+    return _reply(request, 412, str(error))
 
 
 def _on_key(request: Request, error: Exception) -> Response:

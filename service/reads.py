@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import statistics
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import fields
@@ -10,7 +11,7 @@ from typing import Any
 from sqlalchemy import Connection, Engine, Row, func, literal, select, text
 
 from service import tables
-from service.jobs import QUEUED, TERMINAL, Artefact, Event, Job, UnknownJob
+from service.jobs import QUEUED, SUCCEEDED, TERMINAL, Artefact, Event, Job, UnknownJob
 
 JOB = tables.job
 COLUMNS = [JOB.c[field.name] for field in fields(Job)]
@@ -85,6 +86,14 @@ class Reads:
         """The ids of all jobs."""
         with self.reading() as connection:
             return set(connection.execute(select(JOB.c.id)).scalars())
+
+    def step_s(self) -> float | None:
+        """Time of a step by the last jobs that succeeded: median of their wall times; None before the first."""
+        wall = (JOB.c.finished_at - JOB.c.started_at) / JOB.c.steps
+        query = select(wall).where(JOB.c.state == SUCCEEDED, JOB.c.steps > 0).order_by(JOB.c.seq.desc()).limit(50)
+        with self.reading() as connection:
+            found = [float(value) for value in connection.execute(query).scalars() if value is not None]
+        return statistics.median(found) if found else None
 
     def artefacts(self, job_id: str) -> list[Artefact]:
         """What the job left behind, by name."""

@@ -39,6 +39,7 @@ def _create_campaign() -> None:
         sa.Column("scheduled_for", sa.Float),
         sa.Column("created_at", sa.Float, nullable=False),
         sa.Column("finished_at", sa.Float),
+        sa.Column("point", sa.JSON(none_as_null=True)),
         sa.Column("version", sa.Integer, nullable=False),
         sa.PrimaryKeyConstraint("seq", name="pk_campaign"),
         sa.UniqueConstraint("id", name="uq_campaign_id"),
