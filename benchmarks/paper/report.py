@@ -1,0 +1,192 @@
+"""The report of a rerun: report.json holds every figure and test, report.html shows it, insertions.csv is what they
+rest on, headline.svg is the main figure alone."""
+
+from __future__ import annotations
+
+import json
+import math
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from benchmarks.paper import statistics
+from benchmarks.paper.analysis import (
+    CLOSE_MM,
+    RATIO_TARGET,
+    Contrast,
+    box,
+    controller_contrasts,
+    scores,
+    young_contrasts,
+)
+from benchmarks.paper.claims import Findings, claims
+from benchmarks.paper.comparison import as_json
+from benchmarks.paper.figures import conditions, headline
+from benchmarks.paper.page import html
+from benchmarks.paper.places import chosen, face_mm, spots
+from benchmarks.paper.records import Outcome
+from benchmarks.paper.studies import LearningPoint, learning_steps, seed_scores, seed_shares, variants
+from benchmarks.paper.table import Row, arm_name, insertions_csv, main_rows, rows
+from benchmarks.paper.timing import PAPER_REDUCTIONS, costs, savings
+from simcore.artefacts import replace_atomically
+
+SCHEMA = "needlebench/paper/1"
+JSON, HTML, CSV, HEADLINE = "report.json", "report.html", "insertions.csv", "headline.svg"
+LISTED_FAILURES = 200
+Json = dict[str, Any]
+
+
+def document(
+    outcomes: Sequence[Outcome],
+    *,
+    timing: Sequence[Outcome] = (),
+    learning: Sequence[LearningPoint] = (),
+    recordings: Mapping[str, str] | None = None,
+    scale: str = "",
+    provenance: Mapping[str, Any] | None = None,
+) -> Json:
+    """All figures and tests of any outcomes, as plain JSON; what is not finite (a median of failures) is null.
+
+    timing: the one-worker pass, which alone is used for times. learning: trained ELMs. recordings: case id -> link,
+    relative to the report. provenance: shown as it is.
+    """
+    table = rows(outcomes)
+    contrasts, young = controller_contrasts(table), young_contrasts(table)
+    scored, timed = scores(table), rows(timing)
+    seeds = seed_scores(table)
+    shares = seed_shares(seeds)
+    found = Findings(table, scored, contrasts, young, savings(timed), shares)
+    failed = [row for row in table if row.failed]
+    content = {
+        "schema": SCHEMA,
+        "scale": scale,
+        "provenance": dict(provenance or {}),
+        "rules": _rules(),
+        "counts": {"insertions": len(table), "failed": len(failed), "timed": len(timed)},
+        "claims": claims(found),
+        "scores": scored,
+        "contrasts": [_flat(contrast) for contrast in contrasts],
+        "young": [_flat(contrast) for contrast in young],
+        "face_mm": face_mm(main_rows(table)),
+        "entry_mm": _entry_mm(main_rows(table)),
+        "spots": spots(table),
+        "failures": [_failure(row) for row in failed[:LISTED_FAILURES]],
+        "seeds": {"scores": seeds, "shares": shares, "boxes": _seed_boxes(seeds)},
+        "learning": learning_steps(learning),
+        "sensitivity": variants(table),
+        "timing": {"costs": costs(timed), "savings": found.savings, "paper": PAPER_REDUCTIONS},
+        "recordings": _recordings(table, recordings or {}),
+    }
+    result: Json = as_json(content)
+    return result
+
+
+def _rules() -> Json:
+    return {
+        "confidence": statistics.CONFIDENCE,
+        "bootstrap_draws": statistics.DRAWS,
+        "bootstrap_seed": statistics.SEED,
+        "margin_mm": statistics.MARGIN_MM,
+        "floor_mm": statistics.FLOOR_MM,
+        "close_mm": CLOSE_MM,
+        "ratio_target": RATIO_TARGET,
+    }
+
+
+def _flat(contrast: Contrast) -> Json:
+    outer: Json = as_json(contrast)
+    inner = outer.pop("comparison")
+    return {**outer, **inner}
+
+
+def _entry_mm(table: Sequence[Row]) -> tuple[float, float] | None:
+    """The entry if all paths share it."""
+    found = {row.entry_mm for row in table}
+    entry = found.pop() if len(found) == 1 else None
+    return entry if entry and not any(math.isnan(value) for value in entry) else None
+
+
+def _failure(row: Row) -> Json:
+    return {"id": row.id, "arm": row.arm, "group": row.group, "status": row.status, "message": row.message}
+
+
+def _seed_boxes(seeds: Sequence[Any]) -> Json:
+    groups = dict.fromkeys(score.group for score in seeds)
+    return {g: box(np.array([score.median_mm for score in seeds if score.group == g])) for g in groups}
+
+
+def _recordings(table: Sequence[Row], links: Mapping[str, str]) -> list[Json]:
+    """The chosen cases, each with its link if it was recorded."""
+    known = {row.id: row for row in table}
+    found = []
+    for case_id, why in chosen(table):
+        row = known[case_id]
+        named = {name: getattr(row, name) for name in ("id", "group", "arm", "young", "noise", "status", "digest")}
+        error = row.metrics.get("max_error_mm")
+        found.append({**named, "why": why, "rmse_mm": row.rmse_mm, "max_error_mm": error, "link": links.get(case_id)})
+    return found
+
+
+def write(
+    outcomes: Sequence[Outcome],
+    *,
+    timing: Sequence[Outcome],
+    learning: Sequence[LearningPoint],
+    recordings: Mapping[str, str],
+    scale: str,
+    out: Path,
+    provenance: Mapping[str, Any],
+) -> list[Path]:
+    """Write the four files into `out`, each complete or as it was; returns their paths. See `document`."""
+    report = document(
+        outcomes, timing=timing, learning=learning, recordings=recordings, scale=scale, provenance=provenance
+    )
+    texts = {
+        CSV: insertions_csv(rows([*outcomes, *timing])),
+        HEADLINE: headline(report),
+        HTML: html(report),
+        JSON: json.dumps(report, indent=1, allow_nan=False) + "\n",
+    }
+    out.mkdir(parents=True, exist_ok=True)
+    written = []
+    for name, content in texts.items():
+        if content is not None:
+            _put(out / name, content.encode())
+            written.append(out / name)
+    return written
+
+
+def _put(path: Path, content: bytes) -> None:
+    replace_atomically(path, lambda file: file.write(content))
+
+
+def main_table_markdown(report: Json) -> str:
+    """The main table as Markdown: the primary condition, a row for each group and controller."""
+    primary = next(iter(conditions(report)), None)
+    head = "| paths | controller | insertions | S | median RMSE mm (quartiles) | largest RMSE mm | max error <= 1 mm "
+    lines = [f"{head}| ratio to open loop |", "| --- | --- | ---: | ---: | ---: | ---: | ---: | ---: |"]
+    before = ""
+    for score in report["scores"]:
+        if (score["young"], score["noise"]) != primary:
+            continue
+        group = score["group"] if score["group"] != before else ""
+        before = score["group"]
+        spread = f"{_number(score['median_mm'])} ({_number(score['q1_mm'])} to {_number(score['q3_mm'])})"
+        cells = (
+            group,
+            arm_name(score["arm"]),
+            str(score["insertions"]),
+            f"{100 * score['stable']:.4g} %",
+            spread,
+            _number(score["max_mm"]),
+            f"{100 * score['within_1mm']:.4g} %",
+            _number(score["ratio"], "-"),
+        )
+        lines.append(f"| {' | '.join(cells)} |")
+    return "\n".join(lines) + "\n"
+
+
+def _number(value: float | None, absent: str = "failed") -> str:
+    return absent if value is None else f"{value:.3f}"
