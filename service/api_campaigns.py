@@ -125,7 +125,7 @@ def get_campaign(campaign_id: CampaignId, service: ServiceOf) -> CampaignView:
     responses=documented(403, 404),
 )
 def cancel_campaign(campaign_id: CampaignId, service: ServiceOf) -> CampaignView:
-    """Queued jobs are cancelled at once, running ones within a second; what is finished stays. Once more is no error."""
+    """Queued jobs are cancelled at once, running ones within a second; what is finished stays."""
     return _view(service, service.campaigns.cancel(campaign_id))
 
 

@@ -7,9 +7,8 @@ from collections.abc import Sequence
 from typing import Any
 
 from benchmarks.paper.page import html
-from benchmarks.paper.report import document
-
 from benchmarks.paper.records import Outcome
+from benchmarks.paper.report import document
 from service.campaigns import Campaign
 
 HEADERS = {  # a page without scripts that loads nothing
@@ -22,7 +21,9 @@ HEADERS = {  # a page without scripts that loads nothing
 def report(campaign: Campaign, found: Sequence[Outcome]) -> dict[str, Any]:
     """The report's data; of a running campaign that of the insertions that have ended."""
     origin: dict[str, Any] = next((o.result["provenance"] for o in found if "provenance" in o.result), {})
-    known = {name: origin[name] for name in ("commit", "versions", "platform", "cpu", "cpu_count") if name in origin}
+    known: dict[str, Any] = {
+        name: origin[name] for name in ("commit", "versions", "platform", "cpu", "cpu_count") if name in origin
+    }
     provenance: dict[str, Any] = {
         "campaign": campaign.id,
         "suite": campaign.suite,

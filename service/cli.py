@@ -25,6 +25,8 @@ _COMMANDS = {  # name -> (module, what it does); the order is that of the help
     "cancel": ("cli_service", "Cancel a job of a service."),
     "dataset": ("cli_learn", "Run the insertions that learned controllers are trained on."),
     "paper": ("cli_paper", "Rerun the paper: data set, ELM, insertions, statistics, report."),
+    "campaign": ("cli_campaign", "Run suites and parameter grids, compare them, see their trend."),
+    "schedule": ("cli_schedule", "Run campaigns by the clock."),
     "bench": ("cli_bench", "Measure speed and convergence, or compare two measurements."),
 }
 _EPILOG = """

@@ -15,13 +15,13 @@ if TYPE_CHECKING:
 
 Answer = TypeVar("Answer")
 
-_data = click.option(
+data_option = click.option(
     "--data",
     metavar="DIR",
     type=click.Path(file_okay=False, path_type=Path),
     help="Folder of jobs, results and recordings (NEEDLEBENCH_DATA); default: the platform's data folder.",
 )
-_url = click.option(
+url_option = click.option(
     "--url",
     metavar="URL",
     envvar="NEEDLEBENCH_URL",
@@ -32,7 +32,7 @@ _url = click.option(
 @click.command()
 @click.option("--host", metavar="ADDRESS", help="Address to listen on; default 127.0.0.1, this machine only.")
 @click.option("--port", type=click.IntRange(0, 65535), help="Default 8321 or the next free one; 0 = any free one.")
-@_data
+@data_option
 def serve(host: str | None, port: int | None, data: Path | None) -> None:
     """Start the HTTP service and run the jobs that are submitted to it, until Ctrl-C.
 
@@ -72,7 +72,7 @@ def serve(host: str | None, port: int | None, data: Path | None) -> None:
 @click.option("--wait", is_flag=True, help="Show progress until the job has ended, then its metrics.")
 @click.option("--priority", type=click.IntRange(-100, 100), default=0, show_default=True, help="Higher runs first.")
 @click.option("--timeout", "timeout_s", type=click.FloatRange(1, 86400), metavar="SECONDS", help="Default 3600.")
-@_url
+@url_option
 @click.pass_context
 def submit(
     ctx: click.Context, source: str, wait: bool, priority: int, timeout_s: float | None, url: str | None
@@ -94,7 +94,7 @@ def submit(
     """
     from service.follow import exit_code, follow
 
-    with _client(url) as client:
+    with connected(url) as client:
         job = _submitted(client, source, priority, timeout_s)
         click.echo(job.id)
         if not wait:
@@ -110,7 +110,7 @@ def submit(
 
 
 @click.command()
-@_data
+@data_option
 @click.option("--port", type=click.IntRange(1, 65535), help="Default 8321; if it is taken, the next free one.")
 @click.option("--keep/--once", default=None, help="Stay up until Ctrl-C, or end with the run; default: by terminal.")
 @click.pass_context
@@ -138,7 +138,7 @@ def demo(ctx: click.Context, data: Path | None, port: int | None, keep: bool | N
 @click.option("--state", metavar="STATE", help="Only queued, running, succeeded, failed, cancelled or timed_out.")
 @click.option("--limit", type=click.IntRange(1, 10_000), default=20, show_default=True, help="At most so many.")
 @click.option("--json", "as_json", is_flag=True, help="One JSON object a line.")
-@_url
+@url_option
 def jobs(state: str | None, limit: int, as_json: bool, url: str | None) -> None:
     """List the jobs of a service, newest first.
 
@@ -146,27 +146,27 @@ def jobs(state: str | None, limit: int, as_json: bool, url: str | None) -> None:
     What is going on:         needlebench jobs --state running
     For other programs:       needlebench jobs --limit 1000 --json
     """
-    with _client(url) as client:
-        for job in _asked(lambda: list(client.jobs(state=state, limit=limit))):
+    with connected(url) as client:
+        for job in asked(lambda: list(client.jobs(state=state, limit=limit))):
             click.echo(json.dumps(job.raw) if as_json else _line(job))
 
 
 @click.command()
 @click.argument("job_id", metavar="JOB")
-@_url
+@url_option
 def show(job_id: str, url: str | None) -> None:
     """Print everything about one job as JSON: state, progress, scenario, result, links.
 
     \b
     Metrics only:             needlebench show JOB | jq .metrics
     """
-    with _client(url) as client:
-        click.echo(json.dumps(dict(_asked(lambda: client.job(job_id)).raw), indent=2))
+    with connected(url) as client:
+        click.echo(json.dumps(dict(asked(lambda: client.job(job_id)).raw), indent=2))
 
 
 @click.command()
 @click.argument("job_id", metavar="JOB")
-@_url
+@url_option
 def cancel(job_id: str, url: str | None) -> None:
     """Cancel a queued or running job; what it has recorded so far is kept. Once more is no error.
 
@@ -174,13 +174,14 @@ def cancel(job_id: str, url: str | None) -> None:
     The running ones:         needlebench jobs --state running
     One of them:              needlebench cancel JOB
     """
-    with _client(url) as client:
-        _asked(lambda: client.cancel(job_id))
+    with connected(url) as client:
+        asked(lambda: client.cancel(job_id))
         job = client.wait(job_id, timeout_s=30)
         click.echo(f"{job.id} {job.state}")
 
 
-def _client(url: str | None) -> Client:
+def connected(url: str | None) -> Client:
+    """A client of the service at `url`, by default of the one started last on this machine."""
     from service.client import Client
     from service.server import endpoint
     from service.settings import DEFAULT_HOST, DEFAULT_PORT, data_dir, url_of
@@ -194,12 +195,12 @@ def _submitted(client: Client, source: str, priority: int, timeout_s: float | No
     from service.cli_local import read_source
 
     data = read_source(source)
-    return _asked(lambda: client.submit(data, priority=priority, timeout_s=timeout_s))
+    return asked(lambda: client.submit(data, priority=priority, timeout_s=timeout_s))
 
 
-def _asked(question: Callable[[], Answer]) -> Answer:
+def asked(question: Callable[[], Answer]) -> Answer:
     """The answer; what the service says about wrong fields becomes bad input."""
-    from service.client import ServiceError
+    from service.connection import ServiceError
     from simcore.errors import ScenarioError
 
     try:
