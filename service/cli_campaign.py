@@ -225,7 +225,7 @@ def _print_scores(results: dict[str, Any]) -> None:
     for score in results["scores"]:
         marks = f"{score['young']} E, noise {score['noise']}"
         shares = f"{100 * score['stable']:>7.0f} %{100 * score['success']:>7.0f} %"
-        errors = f"{_mm(score['median_mm']):>14}{_mm(score['maximum_mm']):>12}"
+        errors = f"{_mm(score['median_mm']):>14}{_mm(score['max_mm']):>12}"
         click.echo(f"{score['group']:<12}{score['arm']:<20}{score['insertions']:>6}{shares}{errors}  {marks}")
 
 
