@@ -11,6 +11,8 @@ from fastapi import FastAPI
 
 from service import (
     api,
+    api_campaigns,
+    api_schedules,
     events,
     key_routes,
     login,
@@ -41,10 +43,12 @@ def create_app(service: Service) -> FastAPI:
     @asynccontextmanager
     async def lifespan(_app: FastAPI) -> AsyncIterator[None]:
         service.engine.start()
+        service.keeper.start()
         try:
             yield
         finally:
             service.changes.close()
+            await anyio.to_thread.run_sync(service.keeper.stop)
             await anyio.to_thread.run_sync(service.engine.stop)
             service.store.close()
 
@@ -65,7 +69,19 @@ def create_app(service: Service) -> FastAPI:
     app.add_exception_handler(UnknownKey, problems.on_unknown)
     app.add_exception_handler(UploadInUse, problems.on_conflict)
     app.add_exception_handler(UploadsFull, problems.on_no_room)
-    for part in (api, events, results, upload_routes, key_routes, system, ops, login, page):
+    for part in (
+        api,
+        events,
+        results,
+        api_campaigns,
+        api_schedules,
+        upload_routes,
+        key_routes,
+        system,
+        ops,
+        login,
+        page,
+    ):
         app.include_router(part.router)
     _guard(app, service)
     app.add_middleware(cast(Any, RequestLog), monitor=service.monitor)

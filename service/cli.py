@@ -35,6 +35,8 @@ _COMMANDS = {  # name -> (module, what it does); the order is that of the help
     "gc": ("cli_ops", "Clear away old jobs and their files."),
     "doctor": ("cli_ops", "Check this installation: versions, cache, disk, port, viewer, data folder."),
     "key": ("cli_key", "Make, list and revoke the API keys of a data folder."),
+    "campaign": ("cli_campaign", "Run suites and parameter grids, compare them, see their trend."),
+    "schedule": ("cli_schedule", "Run campaigns by the clock."),
     "bench": ("cli_bench", "Measure speed and convergence, or compare two measurements."),
 }
 _EPILOG = """

@@ -8,36 +8,24 @@ import time
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
-from types import TracebackType
 from typing import TYPE_CHECKING, Any, Self
-from urllib.parse import urlsplit
 
 import httpx2
 
-from service.settings import is_loopback
-from simcore.errors import NeedlebenchError, Problem
+from service.client_campaigns import CampaignCalls
+from service.connection import ServiceError, Unreachable, refusal
 from simcore.scenario import Scenario
 
 if TYPE_CHECKING:
     from service.verify import Verdict
     from simcore.records import Observer
 
+__all__ = ["Client", "JobEvent", "JobStatus", "Progress", "ServiceError", "Unreachable", "Uploaded"]
+
 TERMINAL = frozenset({"succeeded", "failed", "cancelled", "timed_out"})
 _POLL_S = 20.0
 _RETRIED_S = 30.0
 _PAUSE_S = 0.3  # before connecting again
-
-
-class ServiceError(NeedlebenchError):
-    """The service refused; `status` is the HTTP status, `problems` names each wrong field, its value and the range."""
-
-    def __init__(self, status: int, detail: str, problems: list[Problem]) -> None:
-        self.status, self.detail, self.problems = status, detail, problems
-        super().__init__("\n".join(str(problem) for problem in problems) or detail)
-
-
-class Unreachable(NeedlebenchError):
-    """Nobody answers at the address."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -121,35 +109,12 @@ class Uploaded:
         return cls(**{name: raw[name] for name in cls.__dataclass_fields__})
 
 
-class Client:
+class Client(CampaignCalls):
     """A connection to one service. Use it as a context manager, or close it.
 
     url: as printed by `needlebench serve`. api_key: what the service was started with, on any address but loopback.
     Raises ServiceError when the service refuses and Unreachable when there is none.
     """
-
-    def __init__(self, url: str, api_key: str | None = None, *, timeout_s: float = 30.0) -> None:
-        headers = {"Authorization": f"Bearer {api_key}"} if api_key else {}
-        local = is_loopback(urlsplit(url).hostname or "")
-        self.url = url.rstrip("/")
-        self._http = httpx2.Client(
-            base_url=self.url,
-            headers=headers,
-            timeout=httpx2.Timeout(timeout_s, connect=10.0),
-            trust_env=not local,  # a proxy cannot reach this machine's loopback
-        )
-
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
-        self.close()
-
-    def close(self) -> None:
-        """Give the connections back."""
-        self._http.close()
 
     def submit(
         self,
@@ -264,7 +229,7 @@ class Client:
         with self._http.stream("GET", path, headers=headers) as answer:
             if answer.is_error:
                 answer.read()
-                raise _refusal(answer)
+                raise refusal(answer)
             if answer.status_code == 204:
                 yield None
             for line in answer.iter_lines():
@@ -346,43 +311,3 @@ class Client:
     def ready(self) -> dict[str, Any]:
         """What /readyz says."""
         return dict(self._json("GET", "/readyz"))
-
-    def _json(self, method: str, path: str, **options: Any) -> Any:
-        return self._request(method, path, **options).json()
-
-    def _request(self, method: str, path: str, **options: Any) -> httpx2.Response:
-        try:
-            answer = self._http.request(method, path, **options)
-        except httpx2.TransportError as error:
-            raise Unreachable(
-                f"no needlebench service answers at {self.url} ({error}): start one with needlebench serve"
-            ) from None
-        if answer.is_error:
-            raise _refusal(answer)
-        return answer
-
-    def _download(self, path: str, target: Path) -> Path:
-        draft = target.with_name(f".{target.name}.part")
-        try:
-            with self._http.stream("GET", path) as answer:
-                if answer.is_error:
-                    answer.read()
-                    raise _refusal(answer)
-                with draft.open("wb") as file:
-                    for chunk in answer.iter_bytes():
-                        file.write(chunk)
-            draft.replace(target)
-        except httpx2.TransportError as error:
-            raise Unreachable(f"the download from {self.url} broke off: {error}") from None
-        finally:
-            draft.unlink(missing_ok=True)
-        return target
-
-
-def _refusal(answer: httpx2.Response) -> ServiceError:
-    try:
-        problem = answer.json()
-        found = [Problem(e["field"], e["value"], e["message"]) for e in problem.get("errors") or []]
-        return ServiceError(answer.status_code, str(problem["detail"]), found)
-    except (ValueError, KeyError, TypeError):
-        return ServiceError(answer.status_code, f"{answer.status_code}: not a needlebench service?", [])

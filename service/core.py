@@ -7,12 +7,16 @@ from typing import Annotated, Any, cast
 
 from fastapi import Depends, Path, Request
 
+from service.campaign_plan import Planner
+from service.campaign_store import CampaignStore
 from service.changes import Changes
 from service.database import open_database
 from service.engine import Engine
+from service.keeper import Keeper
 from service.keys import Keys
 from service.monitor import Monitor
 from service.problems import MEDIA_TYPE, HttpProblem
+from service.schedule_store import ScheduleStore
 from service.schemas import ProblemDetails
 from service.settings import Settings
 from service.store import Store
@@ -30,6 +34,10 @@ class Service:
     monitor: Monitor
     keys: Keys
     uploads: Uploads
+    campaigns: CampaignStore
+    schedules: ScheduleStore
+    keeper: Keeper
+    planner: Planner
 
     @classmethod
     def open(cls, settings: Settings) -> Service:
@@ -38,7 +46,11 @@ class Service:
         store = Store(open_database(settings.database), notify=changes.notify, limits=settings.limits)
         keys = Keys(store, environment_key=settings.api_key, always=not settings.loopback)
         uploads = Uploads(settings.uploads, store, settings.limits)
-        return cls(settings, store, Engine(settings, store, monitor), changes, monitor, keys, uploads)
+        engine, campaigns = Engine(settings, store, monitor), CampaignStore(store)
+        schedules = ScheduleStore(store, campaigns)
+        planner = Planner(uploads.lookup, settings.limits)
+        keeper = Keeper(campaigns, schedules, planner, poke=engine.poke)
+        return cls(settings, store, engine, changes, monitor, keys, uploads, campaigns, schedules, keeper, planner)
 
     @property
     def closing(self) -> bool:
@@ -71,6 +83,7 @@ _CAUSES = {
     403: "The scope of the key does not reach this, or a page of elsewhere sent the request.",
     404: "There is no such thing.",
     409: "It is not in a state for this.",
+    412: "It was changed since it was read.",
     413: "The body is too long.",
     414: "The address is too long.",
     415: "The body is not of a type that is taken.",

@@ -14,7 +14,9 @@ from sqlalchemy.exc import OperationalError
 from starlette.exceptions import HTTPException
 from starlette.responses import Response
 
+from service.campaigns import CampaignActive, UnknownCampaign
 from service.jobs import IllegalTransition, KeyReused, QueueFull, UnknownJob, UploadGone
+from service.schedules import ScheduleChanged, ScheduleExists, UnknownSchedule
 from simcore.errors import Problem, ScenarioError
 
 MEDIA_TYPE = "application/problem+json"
@@ -89,8 +91,11 @@ def install(app: FastAPI) -> None:
     app.add_exception_handler(HTTPException, _on_http)
     app.add_exception_handler(RequestValidationError, _on_request)
     app.add_exception_handler(ScenarioError, _on_scenario)
-    app.add_exception_handler(UnknownJob, on_unknown)
-    app.add_exception_handler(IllegalTransition, on_conflict)
+    for unknown in (UnknownJob, UnknownCampaign, UnknownSchedule):
+        app.add_exception_handler(unknown, on_unknown)
+    for conflict in (IllegalTransition, CampaignActive, ScheduleExists):
+        app.add_exception_handler(conflict, on_conflict)
+    app.add_exception_handler(ScheduleChanged, _on_stale)
     app.add_exception_handler(KeyReused, _on_key)
     app.add_exception_handler(QueueFull, _on_full)
     app.add_exception_handler(UploadGone, _on_gone)
@@ -156,6 +161,10 @@ def on_unknown(request: Request, error: Exception) -> Response:
 def on_conflict(request: Request, error: Exception) -> Response:
     """409, with what the error says."""
     return _reply(request, 409, str(error))
+
+
+def _on_stale(request: Request, error: Exception) -> Response:
+    return _reply(request, 412, str(error))
 
 
 def on_no_room(request: Request, error: Exception) -> Response:

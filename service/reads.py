@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+import statistics
 from dataclasses import fields
 from typing import Any
 
 from sqlalchemy import Connection, Engine, Row, func, literal, select
 
 from service import tables
-from service.jobs import QUEUED, TERMINAL, Artefact, Event, Job, UnknownJob
+from service.jobs import QUEUED, SUCCEEDED, TERMINAL, Artefact, Event, Job, UnknownJob
 
 JOB = tables.job
 COLUMNS = [JOB.c[field.name] for field in fields(Job)]
@@ -77,6 +78,14 @@ class Reads:
         """The ids of all jobs."""
         with self._engine.begin() as connection:
             return set(connection.execute(select(JOB.c.id)).scalars())
+
+    def step_s(self) -> float | None:
+        """Time of a step by the last jobs that succeeded: median of their wall times; None before the first."""
+        wall = (JOB.c.finished_at - JOB.c.started_at) / JOB.c.steps
+        query = select(wall).where(JOB.c.state == SUCCEEDED, JOB.c.steps > 0).order_by(JOB.c.seq.desc()).limit(50)
+        with self._engine.begin() as connection:
+            found = [float(value) for value in connection.execute(query).scalars() if value is not None]
+        return statistics.median(found) if found else None
 
     def artefacts(self, job_id: str) -> list[Artefact]:
         """What the job left behind, by name."""

@@ -10,9 +10,10 @@ from contextlib import AbstractContextManager, contextmanager
 from dataclasses import fields
 from typing import Any
 
-from sqlalchemy import Connection, Engine, Update, delete, func, insert, select, update
+from sqlalchemy import Connection, Engine, Update, delete, exists, func, insert, select, update
 
 from service import access_tables, tables
+from service.campaign_tables import campaign_case
 from service.jobs import (
     CANCELLED,
     CRASHED,
@@ -52,7 +53,7 @@ class Store(Reads):
         self._writer = engine.execution_options(write=True)
         self._turn = threading.Lock()  # writers of this process queue up here and not in SQLite's busy loop
         self._now = now
-        self._notify = notify
+        self.notify = notify
         self._limits = limits or Limits()
 
     @property
@@ -132,12 +133,13 @@ class Store(Reads):
                 seen = {"key": key, "request_hash": request_hash, "job_id": job.id, "created_at": self._now()}
                 connection.execute(insert(tables.idempotency).values(seen))
             self._log(connection, job, QUEUED, {"priority": priority, "timeout_s": timeout_s})
-        self._notify(job.id)
+        self.notify(job.id)
         return job
 
     def _admit(self, connection: Connection, owner: str | None, uploads: Collection[str]) -> None:
         """Whether there is room in the queue, and every upload still there."""
-        waiting = select(func.count()).select_from(_job).where(_job.c.state == QUEUED)
+        alone = ~exists().where(campaign_case.c.job_id == _job.c.id)  # a campaign is one request, however large
+        waiting = select(func.count()).select_from(_job).where(_job.c.state == QUEUED, alone)
         if (queued := connection.execute(waiting).scalar_one()) >= self._limits.queue:
             raise QueueFull(f"{queued} jobs are queued, at most {self._limits.queue} are taken")
         if owner is not None:
@@ -182,7 +184,7 @@ class Store(Reads):
                 return None
             job = to_job(row)
             self._log(connection, job, "started")
-        self._notify(job.id)
+        self.notify(job.id)
         return job
 
     def beat(self, job: Job, progress: dict[str, Any]) -> None:
@@ -191,7 +193,7 @@ class Store(Reads):
         with self._write() as connection:
             changed = connection.execute(_of_attempt(job).values(**values)).rowcount
         if changed:
-            self._notify(job.id)
+            self.notify(job.id)
 
     def finish(self, job: Job, outcome: Outcome) -> Job:
         """End the running attempt `job`. Raises IllegalTransition when it is not the current one."""
@@ -211,7 +213,7 @@ class Store(Reads):
                 connection.execute(insert(tables.artefact).values(**row, job_id=job.id))
             data = {"error_kind": outcome.error_kind, "error": outcome.error} if outcome.error_kind else None
             self._log(connection, done, outcome.state, data)
-        self._notify(job.id)
+        self.notify(job.id)
         return done
 
     def requeue(self, job: Job, *, reason: str, crashed: bool) -> Job:
@@ -244,7 +246,7 @@ class Store(Reads):
             else:
                 moved = self._move(connection, job, QUEUED, {**values, "heartbeat_at": None, "progress": None})
                 self._log(connection, moved, kind, {"reason": reason})
-        self._notify(job.id)
+        self.notify(job.id)
         return moved
 
     def retry(self, job_id: str) -> Job:
@@ -263,7 +265,7 @@ class Store(Reads):
             moved = self._move(connection, job, QUEUED, fresh)
             connection.execute(delete(tables.artefact).where(tables.artefact.c.job_id == job_id))
             self._log(connection, moved, QUEUED, {"retry_of": job.state, "error": job.error})
-        self._notify(job_id)
+        self.notify(job_id)
         return moved
 
     def pin(self, job_id: str, *, pinned: bool) -> Job:
@@ -276,7 +278,7 @@ class Store(Reads):
             connection.execute(update(_job).where(_job.c.id == job_id).values(**values))
             self._log(connection, job, "pinned" if pinned else "unpinned")
             job = read(connection, job_id)
-        self._notify(job_id)
+        self.notify(job_id)
         return job
 
     def cancel(self, job_id: str) -> Job:
@@ -295,7 +297,7 @@ class Store(Reads):
                 self._log(connection, changed, "cancel_requested")
             else:
                 raise IllegalTransition(job_id, job.state, CANCELLED)
-        self._notify(job_id)
+        self.notify(job_id)
         return changed
 
     def delete(self, job_id: str) -> None:
@@ -309,7 +311,7 @@ class Store(Reads):
                 raise IllegalTransition(job_id, "pinned" if job.pinned else job.state, "deleted")
             connection.execute(delete(_job).where(_job.c.id == job_id))
             self._log(connection, job, "deleted")
-        self._notify(job_id)
+        self.notify(job_id)
 
     def _move(self, connection: Connection, job: Job, state: str, values: dict[str, Any]) -> Job:
         """Change the state of `job` as it was read; the attempt is the fence against an owner of before."""

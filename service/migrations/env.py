@@ -4,8 +4,10 @@ from __future__ import annotations
 
 from alembic import context
 
+from service import campaign_tables
 from service.tables import metadata
 
+assert campaign_tables.campaign.metadata is metadata  # all tables are in it once their modules are imported
 context.configure(
     connection=context.config.attributes["connection"],
     target_metadata=metadata,

@@ -8,7 +8,8 @@ from alembic.runtime.migration import MigrationContext
 from sqlalchemy import text
 from sqlalchemy.exc import IntegrityError
 
-import service.access_tables  # noqa: F401  (belongs to the tables)
+import service.access_tables
+import service.campaign_tables  # noqa: F401  (belong to the tables)
 from service.database import DatabaseTooNew, open_database
 from service.tables import metadata
 
