@@ -9,11 +9,12 @@ from typing import Any, cast
 import anyio.to_thread
 from fastapi import FastAPI
 
-from service import api, api_campaigns, api_schedules, events, openapi, page, problems, results, system
+from service import api, api_campaigns, api_schedules, events, openapi, problems, results, system
 from service.core import Service
 from service.guard import BodyLimit, HostGuard, KeyGuard
 from service.settings import Settings
 from service.version import installed_version
+from service.web import assets, campaigns, jobs, schedules, viewer
 
 DESCRIPTION = """Robotic needle insertions in deforming tissue, as jobs: submit a scenario, follow it, fetch its
 metrics, series and recording. Every error is `application/problem+json` (RFC 9457)."""
@@ -46,8 +47,10 @@ def create_app(service: Service) -> FastAPI:
     app.state.service = service
     app.openapi = openapi.document_of(app)  # type: ignore[method-assign]
     problems.install(app)
-    for part in (api, events, results, api_campaigns, api_schedules, system, page):
+    for part in (api, events, results, api_campaigns, api_schedules, system):
         app.include_router(part.router)
+    for page in (jobs, campaigns, schedules, viewer, assets):
+        app.include_router(page.router)
     _guard(app, service.settings)
     return app
 
