@@ -46,7 +46,6 @@ def environment() -> Environment:
         shown=shown,
         size=size_text,
         sentence=words.sentence,
-        probability=words.probability,
     )
     made.globals.update(asset=assets.url, version=installed_version(), ABSENT=words.ABSENT)
     return made

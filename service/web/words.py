@@ -51,13 +51,6 @@ def when(moment: datetime | float | None) -> str:
     return f"{time:%Y-%m-%d %H:%M:%S}"
 
 
-def probability(p: float | None) -> str:
-    """p = 0.031, p < 0.001."""
-    if p is None:
-        return "p unknown"
-    return "p < 0.001" if p < 1e-3 else f"p = {p:.2g}"
-
-
 def sentence(one: dict[str, Any]) -> str:
     """A comparison (as `benchmarks.paper.comparison.as_json` writes it) in words."""
     first, second, difference = one["first"], one["second"], one["difference_mm"]
@@ -66,7 +59,7 @@ def sentence(one: dict[str, Any]) -> str:
         return f"{first} and {second}: one of them failed on the middle path, so no difference can be given; {basis}."
     low, high = one["difference_interval_mm"]
     interval = f"95 % interval {_bound(low)} to {_bound(high)} mm"
-    proof = f"{probability(one['p_primary'])}, {basis}"
+    proof = f"{_probability(one['p_primary'])}, {basis}"
     if difference == 0.0:
         return f"{first} and {second} have the same RMSE in the median ({proof})."
     better, worse = (first, second) if difference < 0.0 else (second, first)
@@ -84,3 +77,9 @@ def _bound(value: float | None) -> str:
 
 def _count(number: int, thing: str) -> str:
     return f"{number} {thing}" if number == 1 else f"{number} {thing}s"
+
+
+def _probability(p: float | None) -> str:
+    if p is None:
+        return "p unknown"
+    return "p < 0.001" if p < 1e-3 else f"p = {p:.2g}"

@@ -34,33 +34,39 @@ export function length(points) {
 /** Put the drawing into an element. faces: names of the held ones. */
 export function drawing(element, { size, points, faces, mesh }) {
   const [x, y, z] = size;
-  const width = 340, gap = 26, margin = 22;
-  const scale = Math.min((width - 2 * margin) / (z + NEEDLE_MM), 130 / y);
-  const side = { left: margin + NEEDLE_MM * scale, top: 26, scale };
-  const aboveScale = Math.min(130 / y, (width - 2 * margin) / x, scale * 1.6);
-  const above = { left: margin + NEEDLE_MM * scale, top: side.top + y * scale + gap + 16, scale: aboveScale };
-  const height = above.top + y * aboveScale + 22;
+  const width = 340, margin = 12, caption = 20;
+  const scale = Math.min((width - 2 * margin) / (z + NEEDLE_MM), 150 / y, 150 / x);
+  const left = margin + NEEDLE_MM * scale;
+  const views = [
+    { text: "from the side: z right, y down", high: y, axis: 1, edges: { y_min: [0, 0, z, 0], y_max: [0, y, z, y], z_max: [z, 0, z, y] } },
+    { text: "from above: z right, x down", high: x, axis: 0, edges: { x_min: [0, 0, z, 0], x_max: [0, x, z, x], z_max: [z, 0, z, x] } },
+  ];
+  const height = views.reduce((sum, view) => sum + caption + view.high * scale + margin, 0);
   const root = node("svg", { viewBox: `0 0 ${width} ${Math.ceil(height)}`, role: "img" });
-  const end = points.at(-1);
   const round = (point) => point.map((v) => Math.round(v * 10) / 10).join(", ");
-  root.append(node("title", {}, `Block of ${size.join(" by ")} mm${mesh ? ", the box around the mesh" : ""}; path from ${round(points[0])} to ${round(end)} mm; held: ${faces.join(", ") || "none"}.`));
-  const s = (point) => [side.left + point[2] * scale, side.top + point[1] * scale];
-  const a = (point) => [above.left + point[0] * aboveScale, above.top + point[1] * aboveScale];
-  root.append(node("text", { x: side.left, y: side.top - 9 }, "from the side: depth z to the right, y down"));
-  root.append(node("rect", { class: "block", x: side.left, y: side.top, width: z * scale, height: y * scale }));
-  hold(root, faces, { y_min: [0, 0, z, 0], y_max: [0, y, z, y], z_max: [z, 0, z, y] }, side);
-  trace(root, points, s);
-  root.append(node("text", { x: above.left, y: above.top - 9 }, "from the entry: x to the right, y down"));
-  root.append(node("rect", { class: "block", x: above.left, y: above.top, width: x * aboveScale, height: y * aboveScale }));
-  hold(root, faces, { x_min: [0, 0, 0, y], x_max: [x, 0, x, y], y_min: [0, 0, x, 0], y_max: [0, y, x, y] }, above);
-  trace(root, points, a);
+  const held = faces.length ? `held: ${faces.join(", ")}` : "no face is held";
+  const block = `Block of ${size.join(" by ")} mm${mesh ? ", the box around the mesh" : ""}`;
+  root.append(node("title", {}, `${block}; path from ${round(points[0])} to ${round(points.at(-1))} mm; ${held}.`));
+  let top = 0;
+  for (const view of views) {
+    top += caption;
+    const flat = (point) => [left + point[2] * scale, top + point[view.axis] * scale];
+    root.append(node("text", { x: left, y: top - 7 }, view.text));
+    root.append(node("rect", { class: "block", x: left, y: top, width: z * scale, height: view.high * scale }));
+    hold(root, faces, view.edges, { left, top, scale });
+    needle(root, points, flat);
+    trace(root, points, flat);
+    top += view.high * scale + margin;
+  }
+  element.replaceChildren(root);
+}
+
+function needle(root, points, flat) {
   const start = points[0], next = points[Math.min(3, points.length - 1)];
   const back = start.map((v, i) => v - next[i]);
   const reach = Math.hypot(...back) || 1;
-  const base = start.map((v, i) => v + (back[i] / reach) * NEEDLE_MM);
-  const [x1, y1] = s(base), [x2, y2] = s(start);
+  const [x1, y1] = flat(start.map((v, i) => v + (back[i] / reach) * NEEDLE_MM * 0.9)), [x2, y2] = flat(start);
   root.append(node("line", { class: "needle", x1, y1, x2, y2 }));
-  element.replaceChildren(root);
 }
 
 function hold(root, faces, edges, { left, top, scale }) {

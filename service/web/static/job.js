@@ -35,12 +35,13 @@ function progress(data) {
 
 function drawLive() {
   const worst = Math.max(...path.error);
+  document.getElementById("plots").hidden = false;
   draw(document.getElementById("plot-error"), {
     data: [path.depth, path.error],
     x: { label: "depth, mm", unit: "mm" },
     series: [{ label: "tip error", unit: "mm", digits: 3, stroke: "--plot-1", points: path.depth.length < 60 ? 4 : 0 }],
     sentence: `Tip error over depth: ${path.error.at(-1).toFixed(3)} mm now, ${worst.toFixed(3)} mm at most.`,
-    caption: `Drawn from the moment this page was opened. ${worst.toFixed(3)} mm at most.`,
+    caption: `Drawn from the moment this page was opened: ${worst.toFixed(3)} mm at most. The force comes with the end of the job.`,
   });
 }
 
@@ -56,6 +57,7 @@ async function loadSeries() {
   };
   document.getElementById("axis").hidden = false;
   document.getElementById("draw").hidden = true;
+  document.getElementById("force").hidden = false;
   drawSeries();
 }
 
@@ -88,7 +90,7 @@ function deepening(depths) {
 
 function settle() {
   const { terminal, plotted, unasked } = job().dataset;
-  document.getElementById("plots").hidden = terminal === "true" && plotted !== "true";
+  if (terminal === "true") document.getElementById("plots").hidden = plotted !== "true";
   if (terminal !== "true" && !source) listen();
   if (terminal === "true" && source) { source.close(); source = null; }
   if (terminal === "true") document.getElementById("pulse").hidden = true;

@@ -27,7 +27,7 @@ function paint(element) {
     legend: { live: true },
     cursor: { drag: { x: true, y: false } },
     scales: { x: { time: Boolean(x.time) }, y: range ? { range } : {} },
-    axes: [{ ...axis, label: x.label, size: 36 }, { ...axis, label: series[0].unit, size: 56 }],
+    axes: [{ ...axis, label: x.label, size: x.time ? 50 : 36, ...(x.time ? { space: 90, values: dates } : {}) }, { ...axis, label: series[0].unit, size: 56 }],
     series: [
       { label: x.label, value: x.time ? "{YYYY}-{MM}-{DD} {HH}:{mm}" : (_, v) => (v === null ? "–" : `${v.toFixed(2)} ${x.unit}`) },
       ...series.map((one) => ({
@@ -44,6 +44,14 @@ function paint(element) {
   if (x.time) options.tzDate = (seconds) => uPlot.tzDate(new Date(seconds * 1e3), "Etc/UTC");
   element.replaceChildren();
   new uPlot(options, data, element);
+}
+
+/** Dates of an axis; with the time of day below where they are close together. */
+function dates(_, moments, axis, space, step) {
+  return moments.map((moment) => {
+    const [date, time] = new Date(moment * 1e3).toISOString().split("T");
+    return step >= 86400 ? date : `${date}\n${time.slice(0, step < 60 ? 8 : 5)}`;
+  });
 }
 
 let resized;
