@@ -74,7 +74,7 @@ class Reads:
         """How many jobs there are in each state, those with none included."""
         query = select(JOB.c.state, func.count()).group_by(JOB.c.state)
         with self.reading() as connection:
-            found: dict[str, int] = dict(connection.execute(query).tuples().all())
+            found: dict[str, int] = {row[0]: row[1] for row in connection.execute(query)}
         return {state: found.get(state, 0) for state in tables.STATES}
 
     def oldest_queued_at(self) -> float | None:

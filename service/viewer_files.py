@@ -85,8 +85,8 @@ def _served() -> dict[str, bytes]:
 
 def _address(said: IO[str]) -> str:
     for line in said:
-        if found := re.search(rf"http://{re.escape(LOOPBACK)}:\d+", line):
-            return found[0]
+        if found := re.search(rf"web-viewer at (http://{re.escape(LOOPBACK)}:\d+)", line):  # and not its other port
+            return found[1]
     raise ViewerError("the web viewer did not start")
 
 

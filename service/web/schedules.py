@@ -39,7 +39,7 @@ def get_trends(request: Request, service: ServiceOf) -> Response:
     return page(request, "trends.html", trends=[get_trend(suite, service) for suite in service.campaigns.suites()])
 
 
-@router.get("/trends/{suite}")
+@router.get("/trends/{suite:path}")
 def get_trend_page(suite: SuiteName, request: Request, service: ServiceOf) -> Response:
     """One suite over commits and dates."""
     trend = get_trend(suite, service)

@@ -34,7 +34,12 @@ async def get_viewer_file(
     if name not in viewer_files.FILES:
         raise HttpProblem(404, "the viewer has no such file")
     tag = f'"rerun-{version("rerun-sdk")}-{name}"'
-    headers = {"ETag": f"W/{tag}", "Cache-Control": "no-cache", "Vary": "Accept-Encoding", "X-Content-Type-Options": "nosniff"}
+    headers = {
+        "ETag": f"W/{tag}",
+        "Cache-Control": "no-cache",
+        "Vary": "Accept-Encoding",
+        "X-Content-Type-Options": "nosniff",
+    }
     if matches(if_none_match, tag):
         return Response(status_code=304, headers=headers)
     try:

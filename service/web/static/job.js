@@ -89,11 +89,13 @@ function deepening(depths) {
 }
 
 function settle() {
-  const { terminal, plotted, unasked } = job().dataset;
+  const { terminal, plotted, unasked, recorded } = job().dataset;
   if (terminal === "true") document.getElementById("plots").hidden = plotted !== "true";
   if (terminal !== "true" && !source) listen();
   if (terminal === "true" && source) { source.close(); source = null; }
   if (terminal === "true") document.getElementById("pulse").hidden = true;
+  const recording = document.getElementById("recording");
+  if (recording) recording.hidden = recorded !== "true";
   if (plotted !== "true" || series) return;
   if (unasked === "true") loadSeries();
   else { document.getElementById("axis").hidden = false; document.getElementById("draw").hidden = false; }

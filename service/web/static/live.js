@@ -76,5 +76,7 @@ export function span(seconds) {
 }
 
 export function millimetres(value, digits) {
-  return typeof value === "number" ? `${value.toFixed(digits)} mm` : "–";
+  if (typeof value !== "number") return "–";
+  const small = value !== 0 && digits > 1 && Math.abs(value) < 10 ** (1 - digits);
+  return `${small ? value.toPrecision(2) : value.toFixed(digits)} mm`;
 }

@@ -27,7 +27,7 @@ function paint(element) {
     legend: { live: true },
     cursor: { drag: { x: true, y: false } },
     scales: { x: { time: Boolean(x.time) }, y: range ? { range } : {} },
-    axes: [{ ...axis, label: x.label, size: x.time ? 50 : 36, ...(x.time ? { space: 90, values: dates } : {}) }, { ...axis, label: series[0].unit, size: 56 }],
+    axes: [{ ...axis, label: x.label, size: x.time ? 50 : 36, ...(x.time ? { space: 90, values: dates } : { values: numbers }) }, { ...axis, label: series[0].unit, size: 62, values: numbers }],
     series: [
       { label: x.label, value: x.time ? "{YYYY}-{MM}-{DD} {HH}:{mm}" : (_, v) => (v === null ? "–" : `${v.toFixed(2)} ${x.unit}`) },
       ...series.map((one) => ({
@@ -45,6 +45,8 @@ function paint(element) {
   element.replaceChildren();
   new uPlot(options, data, element);
 }
+
+const numbers = (_, values) => values.map((value) => (value === null ? "" : String(Number(value.toPrecision(6)))));
 
 /** Dates of an axis; with the time of day below where they are close together. */
 function dates(_, moments, axis, space, step) {

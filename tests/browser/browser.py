@@ -1,0 +1,65 @@
+"""A real Chromium over a real service; each page remembers what its console complained about."""
+
+from __future__ import annotations
+
+import shutil
+from collections.abc import Iterator
+from contextlib import contextmanager
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from playwright.sync_api import Browser, Page
+
+PROGRAM = shutil.which("chromium") or shutil.which("chromium-browser")
+ARGUMENTS = [
+    "--headless",
+    "--no-sandbox",
+    "--use-angle=swiftshader",
+    "--disable-gpu",
+    "--disable-quic",
+    "--no-first-run",
+    "--disable-background-networking",
+    "--disable-component-update",
+    "--disable-sync",
+]
+PATIENCE_MS = 30_000
+
+
+@contextmanager
+def chromium() -> Iterator[Browser]:
+    """The browser, until the block ends."""
+    from playwright.sync_api import sync_playwright
+
+    with sync_playwright() as playwright:
+        browser = playwright.chromium.launch(executable_path=PROGRAM, args=ARGUMENTS)
+        try:
+            yield browser
+        finally:
+            browser.close()
+
+
+@contextmanager
+def opened(browser: Browser, url: str, **context: Any) -> Iterator[Page]:
+    """A fresh window at `url`. On leaving: nothing was blocked, broken or asked of elsewhere.
+
+    A refusal that the page asked for (an error of the service) stands on the console too and is no complaint.
+    """
+    window = browser.new_context(base_url=url, viewport={"width": 1280, "height": 720}, **context)
+    window.set_default_timeout(PATIENCE_MS)
+    page = window.new_page()
+    complaints: list[str] = []
+    page.on(
+        "console", lambda message: complaints.append(message.text) if message.type in ("error", "warning") else None
+    )
+    page.on("pageerror", lambda error: complaints.append(str(error)))
+    page.on("request", lambda request: None if _inside(request.url, url) else complaints.append(request.url))
+    try:
+        page.goto("/")
+        yield page
+    finally:
+        window.close()
+    assert [text for text in complaints if "the server responded with a status of" not in text] == []
+
+
+def _inside(address: str, url: str) -> bool:
+    return address.startswith((f"{url}/", "data:", "blob:"))
