@@ -23,6 +23,7 @@ ARGUMENTS = [
     "--disable-sync",
 ]
 PATIENCE_MS = 30_000
+REFUSAL = "the server responded with a status of"
 
 
 @contextmanager
@@ -39,18 +40,21 @@ def chromium() -> Iterator[Browser]:
 
 
 @contextmanager
-def opened(browser: Browser, url: str, **context: Any) -> Iterator[Page]:
+def opened(browser: Browser, url: str, *, expected: str = REFUSAL, **context: Any) -> Iterator[Page]:
     """A fresh window at `url`. On leaving: nothing was blocked, broken or asked of elsewhere.
 
-    A refusal that the page asked for (an error of the service) stands on the console too and is no complaint.
+    expected: in messages that are no complaint; by default an error of the service, which stands on the console too.
     """
     window = browser.new_context(base_url=url, viewport={"width": 1280, "height": 720}, **context)
     window.set_default_timeout(PATIENCE_MS)
     page = window.new_page()
     complaints: list[str] = []
-    page.on(
-        "console", lambda message: complaints.append(message.text) if message.type in ("error", "warning") else None
-    )
+
+    def heard(kind: str, text: str) -> None:
+        if kind in ("error", "warning") and expected not in text:
+            complaints.append(text)
+
+    page.on("console", lambda message: heard(message.type, message.text))
     page.on("pageerror", lambda error: complaints.append(str(error)))
     page.on("request", lambda request: None if _inside(request.url, url) else complaints.append(request.url))
     try:
@@ -58,7 +62,7 @@ def opened(browser: Browser, url: str, **context: Any) -> Iterator[Page]:
         yield page
     finally:
         window.close()
-    assert [text for text in complaints if "the server responded with a status of" not in text] == []
+    assert not complaints, "\n".join(complaints)
 
 
 def _inside(address: str, url: str) -> bool:

@@ -315,7 +315,8 @@ def test_the_viewer_has_its_own_policy_and_no_link_to_elsewhere(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     page = (
-        b'<html><link rel="preconnect"\n href="https://fonts.example" crossorigin /><link rel="icon" href="favicon.ico">'
+        b'<html><link rel="preconnect"\n href="https://fonts.example" crossorigin />'
+        b'<link rel="icon" href="favicon.ico">'
         b"<script>let one = 1;</script><script src='re_viewer.js'></script></html>"
     )
     content = dict.fromkeys(viewer_files.FILES, b"x" * 20_000) | {"index.html": page}
