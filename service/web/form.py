@@ -23,6 +23,7 @@ UNITS = {
     "_n": "N",
     "_s": "s",
 }
+WORDS = {"dt": "time step", "rcm": "RCM", "sha256": "SHA-256"}
 OPEN = ("", "tissue", "trajectory", "controller")  # groups that a newcomer should see
 _TAG = "kind"
 
@@ -108,11 +109,9 @@ def paths() -> list[str]:
 
 def label_of(name: str) -> tuple[str, str]:
     """young_kpa -> (Young, kPa)."""
-    for suffix, unit in UNITS.items():
-        if name.endswith(suffix):
-            name = name.removesuffix(suffix)
-            return name[:1].upper() + name[1:].replace("_", " "), unit
-    return name[:1].upper() + name[1:].replace("_", " "), ""
+    suffix = next((suffix for suffix in UNITS if name.endswith(suffix)), "")
+    text = " ".join(WORDS.get(word, word) for word in name.removesuffix(suffix).split("_"))
+    return text[:1].upper() + text[1:], UNITS.get(suffix, "")
 
 
 class _Maker:

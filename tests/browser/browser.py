@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import shutil
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -43,7 +44,7 @@ def chromium() -> Iterator[Browser]:
 def opened(browser: Browser, url: str, *, expected: str = REFUSAL, **context: Any) -> Iterator[Page]:
     """A fresh window at `url`. On leaving: nothing was blocked, broken or asked of elsewhere.
 
-    expected: in messages that are no complaint; by default an error of the service, which stands on the console too.
+    expected: pattern of messages that are no complaint; by default an error of the service, which stands on the console too.
     """
     window = browser.new_context(base_url=url, viewport={"width": 1280, "height": 720}, **context)
     window.set_default_timeout(PATIENCE_MS)
@@ -51,7 +52,7 @@ def opened(browser: Browser, url: str, *, expected: str = REFUSAL, **context: An
     complaints: list[str] = []
 
     def heard(kind: str, text: str) -> None:
-        if kind in ("error", "warning") and expected not in text:
+        if kind in ("error", "warning") and not re.search(expected, text):
             complaints.append(text)
 
     page.on("console", lambda message: heard(message.type, message.text))

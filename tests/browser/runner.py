@@ -36,6 +36,8 @@ def run_job(spec: dict[str, Any], artefact_dir: Path) -> dict[str, Any]:
         replace_text(artefact_dir / "progress.json", json.dumps(progress))
         time.sleep(10 * pause_s)
     np.savez(artefact_dir / "series.npz", **series)
+    if scenario["name"] == "recorded":
+        _record(artefact_dir / "recording.rrd", error_mm)
     result = _result(scenario, error_mm)
     (artefact_dir / "result.json").write_text(json.dumps(result))
     return result
@@ -52,6 +54,17 @@ def _series(seed: int, soft: float) -> dict[str, Any]:
         "tip_m": target + 1e-3 * np.stack([wave, 0.4 * wave, 0 * along], axis=1),
         "insertion_force_n": 0.1 + 1.2 * along + 0.05 * np.sin(40 * along),
     }
+
+
+def _record(path: Path, error_mm: Any) -> None:
+    import rerun as rr
+
+    recording = rr.RecordingStream("needle-bench", recording_id="recorded")
+    recording.save(path)
+    for step, error in enumerate(error_mm):
+        recording.set_time("step", sequence=step)
+        recording.log("metrics/error", rr.Scalars(error))
+    recording.disconnect()
 
 
 def _result(scenario: dict[str, Any], error_mm: Any) -> dict[str, Any]:

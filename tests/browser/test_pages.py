@@ -94,6 +94,10 @@ def test_wrong_fields_are_marked_at_their_place(page: Page) -> None:
     page.get_by_role("button", name="Submit", exact=True).click()
     page.locator("[data-path='trajectory.target_mm'] .problem").wait_for()
     assert page.locator(".problem").count() == 1
+    page.get_by_label("Target z").fill("")
+    page.get_by_label("Poisson").first.press_sequentially("1e")  # no number: not to be taken for an empty field
+    page.get_by_role("button", name="Submit", exact=True).click()
+    page.locator("[data-path='tissue.poisson'] .problem").wait_for()
 
 
 def test_the_drawing_and_the_estimate_follow_the_form(page: Page) -> None:
@@ -258,6 +262,21 @@ def test_a_service_that_is_away_is_told(browser: Browser, server: Server) -> Non
         page.route("**/api/v1/jobs", lambda route: route.abort())
         page.get_by_role("button", name="Submit", exact=True).click()
         page.locator("#messages", has_text="does not answer").wait_for()
+
+
+def test_the_viewer_follows_a_recording_and_can_reach_nothing_else(browser: Browser, server: Server) -> None:
+    """It asks for its maker's servers, and its policy says no; the recording comes from here."""
+    job = server.client.submit({"name": "recorded"})
+    with opened(
+        browser, server.url, expected=r"Connecting to|Fetch API|Failed to fetch|WARN|deprecated|adapters"
+    ) as page:
+        page.goto(f"/jobs/{job.id}")
+        ended(page)
+        with page.expect_response(re.compile(f"/recordings/{job.id}.rrd")) as answer:
+            page.get_by_role("button", name="Open recording").click()
+            page.frame_locator("iframe.viewer").locator("canvas.visible").wait_for()
+        assert answer.value.status == 200
+        assert answer.value.finished() is None
 
 
 # Texts whose contrast against what is behind them is below 4.5 to 1 (WCAG 2.2, 1.4.3).

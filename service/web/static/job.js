@@ -96,13 +96,14 @@ function settle() {
   if (terminal === "true") document.getElementById("pulse").hidden = true;
   const recording = document.getElementById("recording");
   if (recording) recording.hidden = recorded !== "true";
+  if (terminal !== "true") series = null; // another attempt will bring its own
   if (plotted !== "true" || series) return;
   if (unasked === "true") loadSeries();
   else { document.getElementById("axis").hidden = false; document.getElementById("draw").hidden = false; }
 }
 
 function listen() {
-  source = follow(`/api/v1/jobs/${id}/events?after=0`, (kind, data) => {
+  source = follow(`/api/v1/jobs/${id}/events?after=${job().dataset.event}`, (kind, data) => {
     if (kind === "progress") return progress(data);
     document.getElementById("told").textContent = `The job: ${kind.replace("_", " ")}`;
     refresh();

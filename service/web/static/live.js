@@ -4,6 +4,7 @@ const PAUSE_MS = 1200; // between two readings of the page
 let reading = false;
 let due = false;
 let last = 0;
+const read = new Map(); // id of a part -> its HTML as it was read last
 
 /** Follow a stream of events; `heard` gets (kind, data). Ends with the page, or when the service says so. */
 export function follow(url, heard) {
@@ -44,21 +45,19 @@ export async function refresh() {
 function exchange(fresh) {
   for (const old of document.querySelectorAll("[data-live]")) {
     const now = fresh.getElementById(old.id);
-    if (!now || now.outerHTML === old.dataset.html) continue;
-    const html = now.outerHTML;
+    if (!now || now.outerHTML === read.get(old.id)) continue;
+    read.set(old.id, now.outerHTML);
     const place = held(old);
     const opened = [...old.querySelectorAll("details")].map((one) => one.open);
     old.replaceWith(now);
-    now.dataset.html = html;
     now.querySelectorAll("details").forEach((one, i) => { if (opened[i] !== undefined) one.open = opened[i]; });
-    if (place) now.querySelectorAll("a, button, summary, input, select")[place]?.focus({ preventScroll: true });
+    if (place >= 0) now.querySelectorAll("a, button, summary, input, select")[place]?.focus({ preventScroll: true });
   }
   document.dispatchEvent(new CustomEvent("refreshed"));
 }
 
-/** Which control of a part has the focus; a keyboard user stays where they were. */
+/** Which control of a part has the focus, -1 for none; a keyboard user stays where they were. */
 function held(part) {
-  if (!part.contains(document.activeElement)) return 0;
   return [...part.querySelectorAll("a, button, summary, input, select")].indexOf(document.activeElement);
 }
 

@@ -20,13 +20,14 @@ function value(field) {
   const parts = inputs(field);
   const text = parts[0].value.trim();
   let found;
-  if (entry === "number" || entry === "integer") found = text === "" ? undefined : Number(text);
+  const number = (one) => (one.validity.badInput ? "not a number" : Number(one.value));
+  const empty = (one) => one.value.trim() === "" && !one.validity.badInput;
+  if (entry === "number" || entry === "integer") found = empty(parts[0]) ? undefined : number(parts[0]);
   else if (entry === "switch") found = parts[0].checked;
   else if (entry === "choices") found = parts.filter((one) => one.checked).map((one) => one.value);
   else if (entry === "list") found = text === "" ? undefined : text.split(",").map((one) => one.trim()).filter(Boolean);
   else if (entry === "vector") {
-    const filled = parts.some((one) => one.value.trim() !== "");
-    found = filled ? parts.map((one, i) => (one.value.trim() === "" ? standard[i] : Number(one.value))) : undefined;
+    found = parts.every(empty) ? undefined : parts.map((one, i) => (empty(one) ? standard[i] : number(one)));
   } else if (entry === "json") {
     if (text !== "") try { found = JSON.parse(text); } catch { found = text; }
   } else found = text === "" ? undefined : text;
