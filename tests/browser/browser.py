@@ -44,7 +44,7 @@ def chromium() -> Iterator[Browser]:
 def opened(browser: Browser, url: str, *, expected: str = REFUSAL, **context: Any) -> Iterator[Page]:
     """A fresh window at `url`. On leaving: nothing was blocked, broken or asked of elsewhere.
 
-    expected: pattern of messages that are no complaint; by default an error of the service, which stands on the console too.
+    expected: pattern of messages on the console that are no complaint; by default errors that the service answered.
     """
     window = browser.new_context(base_url=url, viewport={"width": 1280, "height": 720}, **context)
     window.set_default_timeout(PATIENCE_MS)
