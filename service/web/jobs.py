@@ -11,7 +11,7 @@ from service.campaign_schemas import CampaignView
 from service.campaigns import RUNNING as CAMPAIGN_RUNNING
 from service.core import JobId, Service, ServiceOf
 from service.job_text import flat
-from service.jobs import FAILED, TERMINAL, TIMED_OUT, UnknownJob
+from service.jobs import SUCCEEDED, TERMINAL, UnknownJob
 from service.schemas import ArtefactView, EventView, JobRequest, JobSummary, JobView, State
 from service.web.form import scenario_form
 from service.web.site import missing, page
@@ -42,7 +42,7 @@ def get_jobs(
         wanted=state,
         counts=service.store.counts(),
         campaigns=_running(service),
-        again=(FAILED, TIMED_OUT, "cancelled"),
+        again=TERMINAL - {SUCCEEDED},
     )
 
 
@@ -111,7 +111,7 @@ def get_job(job_id: JobId, request: Request, service: ServiceOf) -> Response:
         job=view,
         result=result,
         terminal=job.state in TERMINAL,
-        again=job.state in TERMINAL and job.state != "succeeded",
+        again=job.state in TERMINAL - {SUCCEEDED},
         cancelling=job.cancel_requested and job.state not in TERMINAL,
         cpu_s=job.cpu_s,
         memory_mb=job.max_rss_mb,
@@ -122,7 +122,7 @@ def get_job(job_id: JobId, request: Request, service: ServiceOf) -> Response:
         artefacts=artefacts,
         recorded=view.scenario.get("recording", {}).get("enabled", False)
         and (any(one.name == "recording.rrd" for one in artefacts) if job.state in TERMINAL else True),
-        plotted=any(one.name == "series.npz" for one in artefacts) and job.state == "succeeded",
+        plotted=any(one.name == "series.npz" for one in artefacts) and job.state == SUCCEEDED,
         unasked=job.steps <= _PLOTTED,
         events=[EventView.of(event) for event in service.store.events(job.id)],
         scenario=list(flat({k: v for k, v in view.scenario.items() if k != "schema"})),

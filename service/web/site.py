@@ -17,7 +17,7 @@ from service.web import assets, words
 TEMPLATES = Path(__file__).with_name("templates")
 SESSION = "needlebench_session"  # cookie of a browser that has logged in
 POLICY = (
-    "default-src 'none'; script-src 'self'; style-src 'self'; img-src 'self' data:; connect-src 'self'; "
+    "default-src 'none'; script-src 'self'; style-src 'self'; img-src 'self'; connect-src 'self'; "
     "frame-src 'self'; form-action 'self'; base-uri 'none'; frame-ancestors 'none'"
 )
 HEADERS = {
