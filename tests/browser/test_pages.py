@@ -244,8 +244,9 @@ def test_the_keyboard_reaches_the_main_actions_in_order(page: Page) -> None:
 
 @pytest.mark.parametrize("scheme", ["light", "dark"])
 def test_text_has_contrast_light_and_dark_and_nothing_overflows(browser: Browser, server: Server, scheme: str) -> None:
+    done, broken = (server.client.wait(server.client.submit({"name": name}).id).id for name in ("quick", "broken"))
     with opened(browser, server.url, color_scheme=scheme) as page:
-        for address in ("/", "/submit", "/campaigns", "/schedules", "/compare"):
+        for address in ("/", "/submit", "/campaigns", "/schedules", "/compare", f"/jobs/{done}", f"/jobs/{broken}"):
             page.goto(address)
             for width in (1280, 800):
                 page.set_viewport_size({"width": width, "height": 720})
