@@ -18,7 +18,6 @@ from service import (
     login,
     openapi,
     ops,
-    page,
     problems,
     results,
     system,
@@ -32,6 +31,7 @@ from service.readiness import readings
 from service.request_log import RequestLog
 from service.uploads import UnknownUpload, UploadInUse, UploadsFull
 from service.version import installed_version
+from service.web import assets, campaigns, jobs, schedules, viewer
 
 DESCRIPTION = """Robotic needle insertions in deforming tissue, as jobs: submit a scenario, follow it, fetch its
 metrics, series and recording. Every error is `application/problem+json` (RFC 9457)."""
@@ -80,9 +80,10 @@ def create_app(service: Service) -> FastAPI:
         system,
         ops,
         login,
-        page,
     ):
         app.include_router(part.router)
+    for page in (jobs, campaigns, schedules, viewer, assets):
+        app.include_router(page.router)
     _guard(app, service)
     app.add_middleware(cast(Any, RequestLog), monitor=service.monitor)
     return app

@@ -1,0 +1,58 @@
+"""Styles, scripts and pictures of the pages, under an address that holds the digest of all of them."""
+
+from __future__ import annotations
+
+import hashlib
+from functools import cache
+from pathlib import Path
+
+from fastapi import APIRouter, Header, Response
+
+from service.core import matches
+from service.problems import HttpProblem
+
+router = APIRouter(include_in_schema=False)
+
+FOLDER = Path(__file__).with_name("static")
+_TYPES = {
+    ".css": "text/css; charset=utf-8",
+    ".js": "text/javascript; charset=utf-8",
+    ".svg": "image/svg+xml",
+    "": "text/plain; charset=utf-8",
+}
+_FOREVER = "public, max-age=31536000, immutable"
+
+
+@cache
+def files() -> dict[str, bytes]:
+    """Every file by its name relative to the folder; read once, so that no request ever reaches the disk."""
+    paths = sorted(path for path in FOLDER.rglob("*") if path.is_file() and path.suffix in _TYPES)
+    return {path.relative_to(FOLDER).as_posix(): path.read_bytes() for path in paths}
+
+
+@cache
+def digest() -> str:
+    """Of all files and their names: another one whenever any of them changes."""
+    hashed = hashlib.sha256()
+    for name, content in files().items():
+        hashed.update(f"{name}\0{len(content)}\0".encode() + content)
+    return hashed.hexdigest()[:16]
+
+
+def url(name: str) -> str:
+    """Where a file is. Raises KeyError for one that there is not."""
+    if name not in files():
+        raise KeyError(name)
+    return f"/static/{digest()}/{name}"
+
+
+@router.get("/static/{version}/{name:path}")
+def get_asset(version: str, name: str, if_none_match: str | None = Header(None)) -> Response:
+    """One file; a script that imports another by a relative name stays within one version."""
+    content = files().get(name)
+    if content is None or version != digest():
+        raise HttpProblem(404, "there is no such file in this version of the pages")
+    headers = {"ETag": f'"{version}"', "Cache-Control": _FOREVER, "X-Content-Type-Options": "nosniff"}
+    if matches(if_none_match, headers["ETag"]):
+        return Response(status_code=304, headers=headers)
+    return Response(content, media_type=_TYPES[Path(name).suffix], headers=headers)

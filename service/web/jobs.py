@@ -1,0 +1,129 @@
+"""The pages of jobs: the list, the form of a new one, one job with all that is known of it."""
+
+from __future__ import annotations
+
+from typing import Annotated, Any
+
+from fastapi import APIRouter, Query, Request, Response
+
+from service.api_campaigns import STEP_S
+from service.campaign_schemas import CampaignView
+from service.campaigns import RUNNING as CAMPAIGN_RUNNING
+from service.core import JobId, Service, ServiceOf
+from service.job_text import flat
+from service.jobs import SUCCEEDED, TERMINAL, UnknownJob
+from service.schemas import ArtefactView, EventView, JobRequest, JobSummary, JobView, State
+from service.web.form import scenario_form
+from service.web.site import missing, page
+from simcore.presets import preset, preset_names
+
+router = APIRouter(include_in_schema=False)
+
+ROWS = 50
+_PLOTTED = 50_000  # steps above which the series is not drawn unasked
+
+
+@router.get("/")
+def get_jobs(
+    request: Request,
+    service: ServiceOf,
+    state: State | None = None,
+    cursor: Annotated[str | None, Query(pattern="^[0-9]{1,18}$")] = None,
+) -> Response:
+    """Jobs, newest first, and the campaigns that run."""
+    found = service.store.newest(state=state, limit=ROWS + 1, before=int(cursor) if cursor else None)
+    shown = found[:ROWS]
+    return page(
+        request,
+        "jobs.html",
+        jobs=[JobSummary.of(job) for job in shown],
+        older_than=shown[-1].seq if len(found) > ROWS else None,
+        cursor=cursor,
+        wanted=state,
+        counts=service.store.counts(),
+        campaigns=_running(service),
+        again=TERMINAL - {SUCCEEDED},
+    )
+
+
+def _running(service: Service) -> list[CampaignView]:
+    found = service.campaigns.newest(state=CAMPAIGN_RUNNING, limit=10)
+    tallies = service.campaigns.tally([one.id for one in found])
+    return [CampaignView.of(one, tallies[one.id], service.store.now) for one in found]
+
+
+@router.get("/submit")
+def get_submit(
+    request: Request, service: ServiceOf, start: Annotated[str | None, Query(alias="from", max_length=100)] = None
+) -> Response:
+    """The form of a new job; `from`: a job or a built-in scenario to start from."""
+    given = _start(service, start)
+    if start is not None and given is None:
+        return missing(request, "job or built-in scenario to start from")
+    schema = JobRequest.model_json_schema()["properties"]
+    return page(
+        request,
+        "submit.html",
+        groups=scenario_form(),
+        presets=preset_names(),
+        values={name: _chosen(name) for name in preset_names()},
+        given=given,
+        start=start,
+        priority=schema["priority"],
+        timeout=schema["timeout_s"],
+        step_s=service.store.step_s() or STEP_S,
+        measured=service.store.step_s() is not None,
+    )
+
+
+def _chosen(name: str) -> dict[str, Any]:
+    """The fields that a built-in scenario sets itself."""
+    return preset(name).model_dump(mode="json", by_alias=True, exclude_unset=True)
+
+
+def _start(service: Service, start: str | None) -> dict[str, Any] | None:
+    if start is None:
+        return None
+    if start in preset_names():
+        return _chosen(start)
+    try:
+        scenario: dict[str, Any] = (service.store.get(start).spec or {})["scenario"]
+    except UnknownJob:
+        return None
+    return scenario
+
+
+@router.get("/jobs/{job_id}")
+def get_job(job_id: JobId, request: Request, service: ServiceOf) -> Response:
+    """One job: where it is, what it measured, where that comes from, its files and its log."""
+    try:
+        job = service.store.get(job_id)
+    except UnknownJob:
+        return missing(request, f"job {job_id}")
+    view = JobView.of(job)
+    result = view.result or {}
+    timing = result.get("timing") or {}
+    origin = {name: value for name, value in (result.get("provenance") or {}).items() if name != "scenario"}
+    artefacts = [ArtefactView.of(job.id, one) for one in service.store.artefacts(job.id)]
+    return page(
+        request,
+        "job.html",
+        job=view,
+        result=result,
+        terminal=job.state in TERMINAL,
+        again=job.state in TERMINAL - {SUCCEEDED},
+        cancelling=job.cancel_requested and job.state not in TERMINAL,
+        cpu_s=job.cpu_s,
+        memory_mb=job.max_rss_mb,
+        measures=[(name, value) for part in ("metrics", "solver") for name, value in flat(result.get(part) or {})],
+        parts={name: part for name, part in timing.items() if isinstance(part, dict)},
+        spans={name: value for name, value in timing.items() if not isinstance(value, dict)},
+        origin=list(flat(origin)),
+        artefacts=artefacts,
+        recorded=view.scenario.get("recording", {}).get("enabled", False)
+        and (any(one.name == "recording.rrd" for one in artefacts) if job.state in TERMINAL else True),
+        plotted=any(one.name == "series.npz" for one in artefacts) and job.state == SUCCEEDED,
+        unasked=job.steps <= _PLOTTED,
+        events=[EventView.of(event) for event in service.store.events(job.id)],
+        scenario=list(flat({k: v for k, v in view.scenario.items() if k != "schema"})),
+    )

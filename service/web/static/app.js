@@ -1,0 +1,119 @@
+// What all pages share: requests, errors in words, buttons that act, fields that are wrong.
+
+/** Send a request; the answer as {ok, status, data}. A service that is away is an answer too. */
+export async function send(url, { method = "POST", body, headers = {} } = {}) {
+  const options = { method, headers: { Accept: "application/json", ...headers } };
+  if (body !== undefined) {
+    options.body = JSON.stringify(body);
+    options.headers["Content-Type"] = "application/json";
+  }
+  try {
+    const response = await fetch(url, options);
+    const text = await response.text();
+    let data = null;
+    try { data = text ? JSON.parse(text) : null; } catch { data = null; }
+    return { ok: response.ok, status: response.status, data };
+  } catch {
+    return { ok: false, status: 0, data: { detail: "The service does not answer. Is it still running?" } };
+  }
+}
+
+/** What went wrong, as a sentence. */
+export function words(answer) {
+  const detail = answer.data?.detail || `The service answered ${answer.status}.`;
+  return detail.charAt(0).toUpperCase() + detail.slice(1);
+}
+
+/** Show a message above the page; items become a list. */
+export function tell(text, { kind = "bad", items = [] } = {}) {
+  const box = document.createElement("div");
+  box.className = `notice ${kind}`;
+  box.append(Object.assign(document.createElement("p"), { textContent: text }));
+  if (items.length) {
+    const list = document.createElement("ul");
+    for (const item of items) list.append(Object.assign(document.createElement("li"), { textContent: item }));
+    box.append(list);
+  }
+  const messages = document.getElementById("messages");
+  messages.replaceChildren(box);
+  messages.scrollIntoView({ block: "nearest" });
+}
+
+export function quiet() {
+  document.getElementById("messages").replaceChildren();
+}
+
+/** Mark the fields that an answer names, below `root`; what belongs to none is told above the page. */
+export function mark(root, answer, attribute, prefix = "") {
+  unmark(root);
+  const errors = answer.data?.errors;
+  if (!errors) return tell(words(answer));
+  const rest = [];
+  let first = null;
+  for (const { field, message } of errors) {
+    const holder = placed(root, attribute, field, prefix);
+    if (!holder) { rest.push(field ? `${field}: ${message}` : message); continue; }
+    const note = document.createElement("span");
+    note.className = "problem";
+    note.id = `problem-${document.querySelectorAll(".problem").length}`;
+    note.textContent = message;
+    const controls = holder.matches("input, select, textarea") ? [holder] : holder.querySelectorAll("input, select, textarea");
+    for (const control of controls) {
+      control.setAttribute("aria-invalid", "true");
+      control.dataset.described ??= control.getAttribute("aria-describedby") ?? "";
+      control.setAttribute("aria-describedby", `${control.dataset.described} ${note.id}`.trim());
+    }
+    (holder.matches("input, select, textarea") ? holder.parentElement : holder).append(note);
+    for (let around = holder.closest("details"); around; around = around.parentElement.closest("details")) around.open = true;
+    first ??= controls[0];
+  }
+  const count = errors.length === 1 ? "One field is" : `${errors.length} fields are`;
+  tell(first ? `${count} not as the service can take it.` : words(answer), { items: first ? rest : rest.length > 1 ? rest : [] });
+  first?.focus();
+}
+
+/** The field of this name, else the one that holds it: trajectory.entry_mm for trajectory.entry_mm[0]. */
+function placed(root, attribute, field, prefix) {
+  const visible = (one) => !one.disabled && !one.closest("[hidden], :disabled");
+  let name = field.replace(/\[\d+\]/g, "");
+  for (;;) {
+    for (const wanted of [name, prefix + name]) {
+      const found = [...root.querySelectorAll(`[${attribute}="${CSS.escape(wanted)}"]`)].find(visible);
+      if (found) return found;
+    }
+    if (!name.includes(".")) return null;
+    name = name.slice(0, name.lastIndexOf("."));
+  }
+}
+
+export function unmark(root) {
+  for (const note of root.querySelectorAll(".problem")) note.remove();
+  for (const control of root.querySelectorAll("[aria-invalid]")) {
+    control.removeAttribute("aria-invalid");
+    if (control.dataset.described) control.setAttribute("aria-describedby", control.dataset.described);
+    else control.removeAttribute("aria-describedby");
+  }
+}
+
+/** Ask before what cannot be undone. */
+function sure(text) {
+  const dialog = document.getElementById("confirm");
+  dialog.querySelector("p").textContent = text;
+  dialog.returnValue = "";
+  dialog.showModal();
+  return new Promise((done) => dialog.addEventListener("close", () => done(dialog.returnValue === "yes"), { once: true }));
+}
+
+document.addEventListener("click", async (event) => {
+  const button = event.target.closest("button[data-action]");
+  if (!button || button.getAttribute("aria-busy") === "true") return;
+  const { action, method, confirm, goto, body, match } = button.dataset;
+  if (confirm && !(await sure(confirm))) return;
+  button.setAttribute("aria-busy", "true");
+  const answer = await send(action, { method, body: body && JSON.parse(body), headers: match ? { "If-Match": match } : {} });
+  button.removeAttribute("aria-busy");
+  if (!answer.ok) tell(words(answer));
+  else if (goto) { location.assign(goto); return; }
+  else quiet();
+  document.dispatchEvent(new CustomEvent("changed"));
+});

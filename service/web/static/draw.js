@@ -1,0 +1,84 @@
+// A drawing of the block, its held faces, the needle and the path, from the side and from above.
+
+const SVG = "http://www.w3.org/2000/svg";
+const NEEDLE_MM = 24; // how much of the needle is drawn in front of the entry
+
+function node(name, attributes, text) {
+  const made = document.createElementNS(SVG, name);
+  for (const [key, value] of Object.entries(attributes)) made.setAttribute(key, value);
+  if (text) made.textContent = text;
+  return made;
+}
+
+/** Points of the path, mm: the line from entry to target with its sine across it. */
+export function curve({ entry, target, amplitude = 0, periods = 1, direction = [1, 0, 0] }, count = 200) {
+  const chord = target.map((v, i) => v - entry[i]);
+  const length = Math.hypot(...chord);
+  if (!(length > 0)) return [entry];
+  const along = chord.map((v) => v / length);
+  const part = direction.reduce((sum, v, i) => sum + v * along[i], 0);
+  const across = direction.map((v, i) => v - part * along[i]);
+  const size = Math.hypot(...across) || 1;
+  return Array.from({ length: amplitude ? count + 1 : 2 }, (_, i) => {
+    const s = amplitude ? i / count : i;
+    const lift = amplitude * Math.sin(2 * Math.PI * periods * s);
+    return entry.map((v, axis) => v + s * chord[axis] + (lift * across[axis]) / size);
+  });
+}
+
+/** Length of the path, mm. */
+export function length(points) {
+  return points.slice(1).reduce((sum, point, i) => sum + Math.hypot(...point.map((v, axis) => v - points[i][axis])), 0);
+}
+
+/** Put the drawing into an element. faces: names of the held ones. */
+export function drawing(element, { size, points, faces, mesh }) {
+  const [x, y, z] = size;
+  const width = 340, margin = 12, caption = 20;
+  const scale = Math.min((width - 2 * margin) / (z + NEEDLE_MM), 150 / y, 150 / x);
+  const left = margin + NEEDLE_MM * scale;
+  const views = [
+    { text: "from the side: z right, y down", high: y, axis: 1, edges: { y_min: [0, 0, z, 0], y_max: [0, y, z, y], z_max: [z, 0, z, y] } },
+    { text: "from above: z right, x down", high: x, axis: 0, edges: { x_min: [0, 0, z, 0], x_max: [0, x, z, x], z_max: [z, 0, z, x] } },
+  ];
+  const height = views.reduce((sum, view) => sum + caption + view.high * scale + margin, 0);
+  const root = node("svg", { viewBox: `0 0 ${width} ${Math.ceil(height)}`, role: "img" });
+  const round = (point) => point.map((v) => Math.round(v * 10) / 10).join(", ");
+  const held = faces.length ? `held: ${faces.join(", ")}` : "no face is held";
+  const block = `Block of ${size.join(" by ")} mm${mesh ? ", the box around the mesh" : ""}`;
+  root.append(node("title", {}, `${block}; path from ${round(points[0])} to ${round(points.at(-1))} mm; ${held}.`));
+  let top = 0;
+  for (const view of views) {
+    top += caption;
+    const flat = (point) => [left + point[2] * scale, top + point[view.axis] * scale];
+    root.append(node("text", { x: left, y: top - 7 }, view.text));
+    root.append(node("rect", { class: "block", x: left, y: top, width: z * scale, height: view.high * scale }));
+    hold(root, faces, view.edges, { left, top, scale });
+    needle(root, points, flat);
+    trace(root, points, flat);
+    top += view.high * scale + margin;
+  }
+  element.replaceChildren(root);
+}
+
+function needle(root, points, flat) {
+  const start = points[0], next = points[Math.min(3, points.length - 1)];
+  const back = start.map((v, i) => v - next[i]);
+  const reach = Math.hypot(...back) || 1;
+  const [x1, y1] = flat(start.map((v, i) => v + (back[i] / reach) * NEEDLE_MM * 0.9)), [x2, y2] = flat(start);
+  root.append(node("line", { class: "needle", x1, y1, x2, y2 }));
+}
+
+function hold(root, faces, edges, { left, top, scale }) {
+  for (const [face, [x1, y1, x2, y2]] of Object.entries(edges)) {
+    if (!faces.includes(face)) continue;
+    root.append(node("line", { class: "held", x1: left + x1 * scale, y1: top + y1 * scale, x2: left + x2 * scale, y2: top + y2 * scale }));
+  }
+}
+
+function trace(root, points, flat) {
+  root.append(node("polyline", { class: "path", points: points.map((point) => flat(point).map((v) => v.toFixed(1)).join(",")).join(" ") }));
+  const [ex, ey] = flat(points[0]), [tx, ty] = flat(points.at(-1));
+  root.append(node("circle", { class: "entry", cx: ex, cy: ey, r: 3.5 }));
+  root.append(node("circle", { class: "target", cx: tx, cy: ty, r: 4 }));
+}

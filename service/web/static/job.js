@@ -1,0 +1,129 @@
+// One job: its progress as it is told, its plots, its recording in the viewer.
+import { send, tell, words } from "./app.js";
+import { follow, millimetres, refresh, span } from "./live.js";
+import { draw } from "./plots.js";
+
+const job = () => document.getElementById("job");
+const id = job().dataset.id;
+const path = { depth: [], error: [] }; // of the running attempt, since this page was opened
+let source = null;
+let series = null;
+let attempt = null;
+let told = 0;
+
+function progress(data) {
+  if (attempt !== null && data.attempt !== attempt) path.depth.length = path.error.length = 0;
+  attempt = data.attempt;
+  const part = (name) => job().querySelector(`[data-${name}]`);
+  const put = (name, text) => { const place = part(name); if (place) place.textContent = text; };
+  put("step", data.step);
+  put("depth", millimetres(data.depth_mm, 1));
+  put("error", millimetres(data.tip_error_mm, 3));
+  put("eta", span(data.eta_s));
+  const bar = job().querySelector("progress");
+  if (bar) bar.value = data.fraction;
+  if (Date.now() - told > 10_000) { // often enough to hear, seldom enough to listen to something else
+    told = Date.now();
+    const left = data.eta_s ? `, about ${span(data.eta_s)} left` : "";
+    document.getElementById("told").textContent = `Step ${data.step} of ${data.steps}${left}`;
+  }
+  if (typeof data.depth_mm !== "number" || typeof data.tip_error_mm !== "number") return;
+  path.depth.push(data.depth_mm);
+  path.error.push(data.tip_error_mm);
+  drawLive();
+}
+
+function drawLive() {
+  const worst = Math.max(...path.error);
+  document.getElementById("plots").hidden = false;
+  draw(document.getElementById("plot-error"), {
+    data: [path.depth, path.error],
+    x: { label: "depth, mm", unit: "mm" },
+    series: [{ label: "tip error", unit: "mm", digits: 3, stroke: "--plot-1", points: path.depth.length < 60 ? 4 : 0 }],
+    sentence: `Tip error over depth: ${path.error.at(-1).toFixed(3)} mm now, ${worst.toFixed(3)} mm at most.`,
+    caption: `Drawn from the moment this page was opened: ${worst.toFixed(3)} mm at most. The force comes with the end of the job.`,
+  });
+}
+
+async function loadSeries() {
+  const answer = await send(`/api/v1/jobs/${id}/series?names=t_s,depth_m,tip_m,target_m,insertion_force_n`, { method: "GET" });
+  if (!answer.ok) return tell(words(answer));
+  const { t_s, depth_m, tip_m, target_m, insertion_force_n } = answer.data;
+  series = {
+    time: t_s,
+    depth: depth_m.map((v) => v * 1e3),
+    error: tip_m.map((tip, i) => 1e3 * Math.hypot(...tip.map((v, axis) => v - target_m[i][axis]))),
+    force: insertion_force_n,
+  };
+  document.getElementById("axis").hidden = false;
+  document.getElementById("draw").hidden = true;
+  document.getElementById("force").hidden = false;
+  drawSeries();
+}
+
+function drawSeries() {
+  const depth = document.getElementById("over-depth").checked;
+  const order = depth ? deepening(series.depth) : series.time.map((_, i) => i);
+  const x = depth ? { label: "depth, mm", unit: "mm" } : { label: "time, s", unit: "s" };
+  const along = order.map((i) => (depth ? series.depth[i] : series.time[i]));
+  for (const [name, title, unit, digits, stroke] of [["error", "Tip error", "mm", 3, "--plot-1"], ["force", "Insertion force", "N", 3, "--plot-2"]]) {
+    const values = order.map((i) => series[name][i]);
+    const known = values.filter((v) => v !== null);
+    const top = known.reduce((a, b) => Math.max(a, b), -Infinity);
+    const where = along[values.indexOf(top)];
+    draw(document.getElementById(`plot-${name}`), {
+      data: [along, values],
+      x,
+      series: [{ label: title.toLowerCase(), unit, digits, stroke }],
+      sentence: known.length ? `${title}: ${top.toFixed(digits)} ${unit} at most, at ${where?.toFixed(1)} ${x.unit}; ${known.at(-1).toFixed(digits)} ${unit} at the end.` : `${title}: nothing was measured.`,
+    });
+  }
+}
+
+/** Steps that go deeper than all before them: a plot over depth needs an axis that rises. */
+function deepening(depths) {
+  const found = [];
+  let deepest = -Infinity;
+  depths.forEach((depth, i) => { if (depth > deepest) { deepest = depth; found.push(i); } });
+  return found;
+}
+
+function settle() {
+  const { terminal, plotted, unasked, recorded } = job().dataset;
+  if (terminal === "true") document.getElementById("plots").hidden = plotted !== "true";
+  if (terminal !== "true" && !source) listen();
+  if (terminal === "true" && source) { source.close(); source = null; }
+  if (terminal === "true") document.getElementById("pulse").hidden = true;
+  const recording = document.getElementById("recording");
+  if (recording) recording.hidden = recorded !== "true";
+  if (terminal !== "true") series = null; // another attempt will bring its own
+  if (plotted !== "true" || series) return;
+  if (unasked === "true") loadSeries();
+  else { document.getElementById("axis").hidden = false; document.getElementById("draw").hidden = false; }
+}
+
+function listen() {
+  source = follow(`/api/v1/jobs/${id}/events?after=${job().dataset.event}`, (kind, data) => {
+    if (kind === "progress") return progress(data);
+    document.getElementById("told").textContent = `The job: ${kind.replace("_", " ")}`;
+    refresh();
+  });
+}
+
+document.addEventListener("refreshed", settle);
+document.getElementById("over-depth").addEventListener("change", drawSeries);
+document.getElementById("draw").addEventListener("click", loadSeries);
+
+document.getElementById("open-recording")?.addEventListener("click", (event) => {
+  const recording = new URL(document.getElementById("recording").dataset.url, location.href).href;
+  const theme = matchMedia("(prefers-color-scheme: dark)").matches ? "dark" : "light";
+  const query = new URLSearchParams({ url: recording, hide_welcome_screen: "1", persist: "0", notebook: "0", theme });
+  const frame = document.createElement("iframe");
+  frame.className = "viewer";
+  frame.title = "Recording of the job in the Rerun viewer";
+  frame.src = `/viewer/index.html?${query}`;
+  document.getElementById("viewer").replaceChildren(frame);
+  event.target.textContent = "Load again";
+});
+
+settle();

@@ -1,0 +1,81 @@
+// Keeps a page current: events of the service, and parts of the page that are read anew when something changed.
+
+const PAUSE_MS = 1200; // between two readings of the page
+let reading = false;
+let due = false;
+let last = 0;
+const read = new Map(); // id of a part -> its HTML as it was read last
+
+/** Follow a stream of events; `heard` gets (kind, data). Ends with the page, or when the service says so. */
+export function follow(url, heard) {
+  const pulse = document.getElementById("pulse");
+  const source = new EventSource(url);
+  const kinds = ["queued", "started", "progress", "requeued", "crashed", "cancel_requested", "succeeded", "failed",
+    "cancelled", "timed_out", "pinned", "unpinned", "deleted"];
+  for (const kind of kinds) source.addEventListener(kind, (event) => heard(kind, JSON.parse(event.data)));
+  source.onopen = () => { pulse.hidden = false; pulse.classList.add("on"); pulse.textContent = "live"; };
+  source.onerror = () => {
+    pulse.classList.remove("on");
+    pulse.textContent = source.readyState === EventSource.CLOSED ? "" : "connecting";
+  };
+  addEventListener("pagehide", () => source.close());
+  return source;
+}
+
+/** Read the page anew soon and put in the parts marked data-live that differ; `changed` is told of it afterwards. */
+export async function refresh() {
+  due = true;
+  if (reading || document.hidden) return;
+  reading = true;
+  try {
+    while (due && !document.hidden) {
+      const wait = last + PAUSE_MS - Date.now();
+      if (wait > 0) await new Promise((done) => setTimeout(done, wait));
+      due = false;
+      last = Date.now();
+      const answer = await fetch(location.href, { cache: "no-store" }).catch(() => null);
+      if (answer?.status === 404) { location.reload(); return; }
+      if (answer?.ok) exchange(new DOMParser().parseFromString(await answer.text(), "text/html"));
+    }
+  } finally {
+    reading = false;
+  }
+}
+
+function exchange(fresh) {
+  for (const old of document.querySelectorAll("[data-live]")) {
+    const now = fresh.getElementById(old.id);
+    if (!now || now.outerHTML === read.get(old.id)) continue;
+    read.set(old.id, now.outerHTML);
+    const place = held(old);
+    const opened = [...old.querySelectorAll("details")].map((one) => one.open);
+    old.replaceWith(now);
+    now.querySelectorAll("details").forEach((one, i) => { if (opened[i] !== undefined) one.open = opened[i]; });
+    if (place >= 0) now.querySelectorAll("a, button, summary, input, select")[place]?.focus({ preventScroll: true });
+  }
+  document.dispatchEvent(new CustomEvent("refreshed"));
+}
+
+/** Which control of a part has the focus, -1 for none; a keyboard user stays where they were. */
+function held(part) {
+  return [...part.querySelectorAll("a, button, summary, input, select")].indexOf(document.activeElement);
+}
+
+document.addEventListener("changed", refresh);
+document.addEventListener("visibilitychange", () => { if (!document.hidden && due) refresh(); });
+
+/** 48 s, 3 min 20 s, 2 h 5 min. */
+export function span(seconds) {
+  if (seconds === null || seconds === undefined) return "–";
+  const whole = Math.round(seconds);
+  if (whole < 60) return `${whole} s`;
+  const [unit, below, size, part] = whole < 3600 ? ["min", "s", 60, 1] : whole < 86400 ? ["h", "min", 3600, 60] : ["d", "h", 86400, 3600];
+  const rest = Math.floor((whole % size) / part);
+  return `${Math.floor(whole / size)} ${unit}${rest ? ` ${rest} ${below}` : ""}`;
+}
+
+export function millimetres(value, digits) {
+  if (typeof value !== "number") return "–";
+  const small = value !== 0 && digits > 1 && Math.abs(value) < 10 ** (1 - digits);
+  return `${small ? value.toPrecision(2) : value.toFixed(digits)} mm`;
+}

@@ -1,0 +1,160 @@
+// The form of a scenario: what was changed becomes JSON; a drawing and an estimate follow it.
+import { mark, quiet, send, unmark } from "./app.js";
+import { curve, drawing, length } from "./draw.js";
+import { span } from "./live.js";
+
+const form = document.getElementById("scenario");
+const presets = JSON.parse(form.dataset.presets);
+const given = JSON.parse(form.dataset.given);
+const fields = [...form.querySelectorAll("[data-path]")];
+const MOST_SHOWN = 4000; // characters of the JSON that are shown
+
+const inputs = (field) => [...field.querySelectorAll("input, select, textarea")];
+const same = (a, b) => JSON.stringify(a) === JSON.stringify(b);
+const sorted = (list) => [...(list ?? [])].sort();
+
+/** What a field says now; undefined where it is as it was. */
+function value(field) {
+  const { entry } = field.dataset;
+  const standard = JSON.parse(field.dataset.default);
+  const parts = inputs(field);
+  const text = parts[0].value.trim();
+  let found;
+  const number = (one) => (one.validity.badInput ? "not a number" : Number(one.value));
+  const empty = (one) => one.value.trim() === "" && !one.validity.badInput;
+  if (entry === "number" || entry === "integer") found = empty(parts[0]) ? undefined : number(parts[0]);
+  else if (entry === "switch") found = parts[0].checked;
+  else if (entry === "choices") found = parts.filter((one) => one.checked).map((one) => one.value);
+  else if (entry === "list") found = text === "" ? undefined : text.split(",").map((one) => one.trim()).filter(Boolean);
+  else if (entry === "vector") {
+    found = parts.every(empty) ? undefined : parts.map((one, i) => (empty(one) ? standard[i] : number(one)));
+  } else if (entry === "json") {
+    if (text !== "") try { found = JSON.parse(text); } catch { found = text; }
+  } else found = text === "" ? undefined : text;
+  if (found === undefined) return undefined;
+  return same(found, standard) || (entry === "choices" && same(sorted(found), sorted(standard))) ? undefined : found;
+}
+
+/** Put a value into a field; null and undefined empty it. */
+function put(field, found) {
+  const { entry } = field.dataset;
+  const standard = JSON.parse(field.dataset.default);
+  const parts = inputs(field);
+  const chosen = found ?? standard;
+  const asStandard = same(chosen, standard);
+  if (entry === "switch") parts[0].checked = chosen;
+  else if (entry === "choices") for (const one of parts) one.checked = chosen.includes(one.value);
+  else if (entry === "choice" || entry === "kind") parts[0].value = chosen;
+  else if (entry === "vector") parts.forEach((one, i) => { one.value = asStandard ? "" : chosen[i]; });
+  else if (asStandard) parts[0].value = "";
+  else if (entry === "list") parts[0].value = chosen.join(", ");
+  else parts[0].value = entry === "json" ? JSON.stringify(chosen) : chosen;
+}
+
+const at = (data, path) => path.split(".").reduce((here, name) => here?.[name], data);
+
+function fill(data) {
+  unmark(form);
+  for (const field of fields) {
+    if (field.dataset.path.startsWith("@")) continue;
+    let found = at(data, field.dataset.path);
+    if (field.dataset.entry !== "kind" && found !== null && typeof found === "object" && !Array.isArray(found)) found = undefined;
+    put(field, found);
+  }
+  update();
+}
+
+/** Fields of other kinds of a block are out: hidden, and never sent. */
+function settle() {
+  for (const part of form.querySelectorAll("[data-kinds]")) {
+    const block = (part.dataset.path ?? part.dataset.group).split(".").slice(0, -1).join(".");
+    const kind = form.querySelector(`[data-path="${CSS.escape(block)}.kind"] select`).value;
+    part.hidden = !part.dataset.kinds.split(" ").includes(kind);
+  }
+}
+
+const counts = (field) => !field.closest("[hidden]");
+
+function body() {
+  const scenario = {};
+  const rest = {};
+  for (const field of fields) {
+    const found = counts(field) ? value(field) : undefined;
+    const { path } = field.dataset;
+    field.classList.toggle("changed", found !== undefined);
+    if (found === undefined) continue;
+    if (path.startsWith("@")) { rest[path.slice(1)] = found; continue; }
+    const names = path.split(".");
+    const last = names.pop();
+    let here = scenario;
+    for (const name of names) here = here[name] ??= {};
+    here[last] = found;
+  }
+  for (const path of Object.keys(scenario)) needKind(scenario, path, path);
+  return { scenario, ...rest };
+}
+
+/** A block whose kind is the default one is sent with its kind, so that the JSON says what it is. */
+function needKind(holder, name, path) {
+  const select = form.querySelector(`[data-path="${CSS.escape(path)}.kind"] select`);
+  const block = holder[name];
+  if (!select || block === null || typeof block !== "object" || Array.isArray(block)) return;
+  holder[name] = { kind: select.value, ...block };
+  for (const inner of Object.keys(block)) needKind(holder[name], inner, `${path}.${inner}`);
+}
+
+/** What counts for a field: typed, else the default. */
+function now(path) {
+  const field = fields.find((one) => one.dataset.path === path && counts(one));
+  return field && (value(field) ?? JSON.parse(field.dataset.default));
+}
+
+function update() {
+  settle();
+  const data = body();
+  const text = JSON.stringify(data, null, 2).replace(/\[[^[\]{}]*\]/g, (list) => list.replace(/\s+/g, " "));
+  document.getElementById("json").textContent = text.length > MOST_SHOWN ? `${text.slice(0, MOST_SHOWN)}\n… ${text.length} characters in all` : text;
+  for (const group of form.querySelectorAll("details[data-group]")) {
+    const count = [...group.querySelectorAll(".changed")].filter(counts).length;
+    group.querySelector("[data-count]").textContent = count ? `${count} set` : "";
+  }
+  picture();
+}
+
+function picture() {
+  const size = now("tissue.size_mm"), entry = now("trajectory.entry_mm"), target = now("trajectory.target_mm");
+  if (![...size, ...entry, ...target].every(Number.isFinite)) return;
+  const sine = now("trajectory.kind") === "sine" || Boolean(now("trajectory.amplitude_mm"));
+  const path = { entry, target };
+  if (sine) Object.assign(path, { amplitude: now("trajectory.amplitude_mm"), periods: now("trajectory.periods"), direction: now("trajectory.direction") });
+  const points = curve(path);
+  drawing(document.getElementById("drawing"), { size, points, faces: now("tissue.fixed_faces"), mesh: now("tissue.mesh_file") });
+  const poses = now("controller.poses");
+  const steps = Array.isArray(poses) ? poses.length : Math.ceil(length(points) / (now("trajectory.speed_mm_s") * now("dt_s")) - 1e-9);
+  const cells = size.map((v) => Math.max(1, Math.round(v / now("tissue.element_size_mm")))).reduce((a, b) => a * b, 1);
+  const pace = form.dataset.measured === "true" ? "at the pace of the last jobs" : "at a usual pace";
+  const mesh = now("tissue.mesh_file") ? "a mesh from a file" : `${cells.toLocaleString("en")} cells`;
+  document.getElementById("estimate").textContent = Number.isFinite(steps) ? `${length(points).toFixed(1)} mm, ${steps.toLocaleString("en")} steps, ${mesh}; about ${span(steps * Number(form.dataset.step))} ${pace}.` : "";
+}
+
+document.getElementById("preset").addEventListener("change", ({ target }) => {
+  fill(target.value === "@given" ? given : { ...(presets[target.value] ?? {}) });
+});
+document.getElementById("reset").addEventListener("click", () => {
+  document.getElementById("preset").value = "";
+  fill({});
+  quiet();
+});
+form.addEventListener("input", (event) => { if (event.target.id !== "preset") update(); });
+form.addEventListener("submit", async (event) => {
+  event.preventDefault();
+  const button = form.querySelector("button[type=submit]");
+  button.disabled = true;
+  quiet();
+  const answer = await send("/api/v1/jobs", { body: body() });
+  if (answer.ok) { location.assign(`/jobs/${answer.data.id}`); return; }
+  button.disabled = false;
+  mark(form, answer, "data-path", "@");
+});
+
+fill(given ?? {});

@@ -1,0 +1,55 @@
+"""The Rerun viewer within a page: the files of the installed one, under the service's own address."""
+
+from __future__ import annotations
+
+from importlib.metadata import version
+from typing import Annotated
+
+from fastapi import APIRouter, Header, Response
+from starlette.concurrency import run_in_threadpool
+from starlette.responses import FileResponse, RedirectResponse
+
+from service import viewer_files
+from service.core import ServiceOf, matches
+from service.problems import HttpProblem
+from service.viewer import ViewerError
+
+router = APIRouter(include_in_schema=False)
+
+
+@router.get("/viewer/")
+def get_viewer() -> Response:
+    """The page has a name, since its address carries what to open."""
+    return RedirectResponse("/viewer/index.html", status_code=307)
+
+
+@router.get("/viewer/{name}")
+async def get_viewer_file(
+    name: str,
+    service: ServiceOf,
+    accept_encoding: Annotated[str, Header()] = "",
+    if_none_match: Annotated[str | None, Header()] = None,
+) -> Response:
+    """One of the viewer's files; the first request of all takes them out of the wheel, which takes seconds."""
+    if name not in viewer_files.FILES:
+        raise HttpProblem(404, "the viewer has no such file")
+    tag = f'"rerun-{version("rerun-sdk")}-{name}"'
+    headers = {
+        "ETag": f"W/{tag}",
+        "Cache-Control": "no-cache",
+        "Vary": "Accept-Encoding",
+        "X-Content-Type-Options": "nosniff",
+    }
+    if matches(if_none_match, tag):
+        return Response(status_code=304, headers=headers)
+    try:
+        home = await run_in_threadpool(viewer_files.folder, service.settings.data)
+    except ViewerError as error:
+        raise HttpProblem(503, str(error), headers={"Retry-After": "10"}) from None
+    path, packed = home / name, home / f"{name}.gz"
+    if name == "index.html":
+        headers["Content-Security-Policy"] = viewer_files.policy(path.read_bytes())
+    if "gzip" in accept_encoding.lower() and packed.is_file():
+        headers |= {"Content-Encoding": "gzip", "rerun-final-length": str(path.stat().st_size)}
+        path = packed
+    return FileResponse(path, media_type=viewer_files.FILES[name], headers=headers)

@@ -1,0 +1,86 @@
+"""Values as people read them, for the templates."""
+
+from __future__ import annotations
+
+from datetime import UTC, datetime
+from typing import Any
+
+ABSENT = "–"
+STATES = {
+    "queued": "waiting",
+    "running": "running",
+    "succeeded": "succeeded",
+    "failed": "failed",
+    "cancelled": "cancelled",
+    "timed_out": "out of time",
+    "done": "done",
+}
+
+
+def state(name: str | None) -> str:
+    """A state in words."""
+    return STATES.get(name or "", (name or "deleted").replace("_", " "))
+
+
+def number(value: Any, digits: int = 3, unit: str = "") -> str:
+    """With so many digits behind the point, two at least that count; a dash for what there is not."""
+    if value is None or isinstance(value, bool) or not isinstance(value, int | float):
+        return ABSENT
+    small = 0.0 < abs(value) < 10.0 ** (1 - digits) and digits > 1
+    return f"{value:.2g} {unit}".rstrip() if small else f"{value:.{digits}f} {unit}".rstrip()
+
+
+def span(seconds: float | None) -> str:
+    """A time that something takes: 48 s, 3 min 20 s, 2 h 5 min, 3 d 4 h."""
+    if seconds is None:
+        return ABSENT
+    if seconds < 60:
+        return f"{seconds:.1f} s" if seconds < 10 else f"{seconds:.0f} s"
+    whole = round(seconds)
+    for unit, below, size in (("d", "h", 86400), ("h", "min", 3600), ("min", "s", 60)):
+        if whole >= size:
+            rest = (whole % size) * {"h": 24, "min": 60, "s": 60}[below] // size
+            return f"{whole // size} {unit} {rest} {below}" if rest else f"{whole // size} {unit}"
+    raise AssertionError("unreachable")
+
+
+def when(moment: datetime | float | None) -> str:
+    """2026-11-22 06:20:03, UTC."""
+    if moment is None:
+        return ABSENT
+    time = datetime.fromtimestamp(moment, UTC) if isinstance(moment, int | float) else moment.astimezone(UTC)
+    return f"{time:%Y-%m-%d %H:%M:%S}"
+
+
+def sentence(one: dict[str, Any]) -> str:
+    """A comparison (as `benchmarks.paper.comparison.as_json` writes it) in words."""
+    first, second, difference = one["first"], one["second"], one["difference_mm"]
+    basis = f"{_count(one['clusters'], 'end point')}, {_count(one['pairs'], 'pair')}"
+    if difference is None:
+        return f"{first} and {second}: one of them failed on the middle path, so no difference can be given; {basis}."
+    low, high = one["difference_interval_mm"]
+    interval = f"95 % interval {_bound(low)} to {_bound(high)} mm"
+    proof = f"{_probability(one['p_primary'])}, {basis}"
+    if difference == 0.0:
+        return f"{first} and {second} have the same RMSE in the median ({proof})."
+    better, worse = (first, second) if difference < 0.0 else (second, first)
+    lead = f"{better} has a smaller RMSE than {worse}, by {abs(difference):.4f} mm in the median ({interval}, {proof})"
+    if one["p_primary"] is not None and one["p_primary"] < 0.05:
+        return f"{lead}: unlikely to be chance."
+    if one["equivalent"]:
+        return f"{lead}: shown to be equivalent."
+    return f"{lead}: within what chance would give."
+
+
+def _bound(value: float | None) -> str:
+    return "unbounded" if value is None else f"{value:+.4f}"
+
+
+def _count(number: int, thing: str) -> str:
+    return f"{number} {thing}" if number == 1 else f"{number} {thing}s"
+
+
+def _probability(p: float | None) -> str:
+    if p is None:
+        return "p unknown"
+    return "p < 0.001" if p < 1e-3 else f"p = {p:.2g}"

@@ -1,0 +1,304 @@
+"""The pages in a real browser, over a real service whose jobs are a quick stand-in."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterator
+from typing import TYPE_CHECKING
+
+import pytest
+
+from tests.acceptance.server import Server, running_server, until
+from tests.browser.browser import PROGRAM, chromium, opened
+
+if TYPE_CHECKING:
+    from playwright.sync_api import Browser, Page
+
+pytest.importorskip("playwright.sync_api", reason="needs playwright, of the dev extra")
+pytestmark = [
+    pytest.mark.slow,
+    pytest.mark.skipif(PROGRAM is None, reason="needs chromium: no chromium or chromium-browser on the PATH"),
+]
+
+
+@pytest.fixture(scope="module")
+def server(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Server]:
+    folder = tmp_path_factory.mktemp("pages")
+    with running_server(folder, runner="tests.browser.runner:run_job", workers=1) as started:
+        yield started
+
+
+@pytest.fixture(scope="module")
+def browser() -> Iterator[Browser]:
+    with chromium() as found:
+        yield found
+
+
+@pytest.fixture
+def page(browser: Browser, server: Server) -> Iterator[Page]:
+    with opened(browser, server.url) as found:
+        yield found
+
+
+def ended(page: Page) -> None:
+    """Wait until the page says that its job succeeded, without being loaded again."""
+    page.locator("#job .state.succeeded").wait_for()
+
+
+def test_submit_from_the_form_and_follow_to_the_end(page: Page) -> None:
+    page.goto("/submit")
+    page.get_by_label("Name").fill("brisk from the page")
+    page.get_by_label("Young").first.fill("4.5")
+    page.get_by_text("JSON that will be sent").first.click()
+    sent = page.locator("#json").inner_text()
+    assert '"young_kpa": 4.5' in sent
+    assert "poisson" not in sent
+    page.get_by_role("button", name="Submit", exact=True).click()
+    page.wait_for_url(re.compile("/jobs/[0-9a-z]+$"))
+    page.evaluate("window.notReloaded = true")
+    ended(page)
+    assert page.evaluate("window.notReloaded")
+    page.locator("#plot-error canvas").wait_for()
+    page.locator("#plot-force canvas").wait_for()
+    assert "at most" in (page.locator("#plot-error").get_attribute("aria-label") or "")
+    assert page.get_by_role("row", name=re.compile("rmse_mm")).count() == 1
+    assert page.get_by_role("link", name="series.npz").count() == 1
+    assert page.get_by_role("row", name=re.compile("succeeded")).count() == 1
+    page.get_by_label("over depth").check()
+    page.locator("#plot-error", has_text="depth").wait_for()
+
+
+def test_progress_is_told_while_it_runs_and_cancel_ends_it(page: Page, server: Server) -> None:
+    job = server.client.submit({"name": "slow to cancel"})
+    page.goto(f"/jobs/{job.id}")
+    until(lambda: int(page.locator("[data-step]").inner_text()) >= 20)
+    page.locator("#plot-error canvas").wait_for()
+    assert page.evaluate("document.querySelector('#job progress').value") > 0
+    page.get_by_role("button", name="Cancel").click()
+    page.locator("#job .state.cancelled").wait_for()
+    assert page.get_by_role("button", name="Retry").is_visible()
+
+
+def test_wrong_fields_are_marked_at_their_place(page: Page) -> None:
+    page.goto("/submit?from=demo")
+    page.locator("details[data-group=needle] > summary").click()
+    page.get_by_label("Inner diameter").fill("9")
+    page.get_by_label("Target z").fill("500")
+    page.get_by_role("button", name="Submit", exact=True).click()
+    wrong = page.locator("[data-path='needle.inner_diameter_mm']")
+    wrong.locator(".problem").wait_for()
+    assert page.get_by_label("Inner diameter").get_attribute("aria-invalid") == "true"
+    assert page.evaluate("document.activeElement.id") == "f-needle-inner_diameter_mm"
+    assert "field" in page.locator("#messages").inner_text()
+    page.get_by_label("Inner diameter").fill("")
+    page.get_by_role("button", name="Submit", exact=True).click()
+    page.locator("[data-path='trajectory.target_mm'] .problem").wait_for()
+    assert page.locator(".problem").count() == 1
+    page.get_by_label("Target z").fill("")
+    page.get_by_label("Poisson").first.press_sequentially("1e")  # no number: not to be taken for an empty field
+    page.get_by_role("button", name="Submit", exact=True).click()
+    page.locator("[data-path='tissue.poisson'] .problem").wait_for()
+
+
+def test_the_drawing_and_the_estimate_follow_the_form(page: Page) -> None:
+    page.goto("/submit")
+    before = page.locator("#drawing title").text_content()
+    page.get_by_label("Target z").fill("60")
+    assert page.locator("#drawing title").text_content() != before
+    assert "60.0 mm, 600 steps" in page.locator("#estimate").inner_text()
+    page.get_by_label("Kind").first.select_option("sine")
+    page.get_by_label("Amplitude").first.fill("5")
+    assert len((page.locator("#drawing .path").first.get_attribute("points") or "").split()) > 100
+    page.get_by_role("button", name="Clear").click()
+    assert page.locator("#drawing title").text_content() == before
+
+
+def test_a_scenario_survives_the_form(page: Page, server: Server) -> None:
+    """Started from a job, sent unchanged: the same scenario comes out."""
+    fields = {
+        "name": "there and back",
+        "seed": 5,
+        "trajectory": {"kind": "sine", "amplitude_mm": 2.0, "direction": [0, 1, 0]},
+        "controller": {"kind": "ifem", "jacobian": "perturbation", "model": {"kind": "separate", "young_kpa": 5.0}},
+        "motion": {"kind": "breathing"},
+        "tissue": {"fixed_faces": ["z_max"]},
+        "recording": {"enabled": False},
+    }
+    job = server.client.submit(fields)
+    page.goto(f"/submit?from={job.id}")
+    page.get_by_role("button", name="Submit", exact=True).click()
+    page.wait_for_url(re.compile("/jobs/[0-9a-z]+$"))
+    again = page.evaluate("fetch('/api/v1' + location.pathname).then((r) => r.json())")
+    assert again["id"] != job.id
+    assert again["scenario"] == page.evaluate(f"fetch('/api/v1/jobs/{job.id}').then((r) => r.json())")["scenario"]
+
+
+def test_the_list_follows_jobs_and_filters(page: Page, server: Server) -> None:
+    job = server.client.submit({"name": "slow in the list"})
+    row = page.locator(f"tr[data-key='{job.id}']")
+    row.locator(".state.running").wait_for()
+    until(lambda: page.evaluate(f"document.querySelector(\"tr[data-key='{job.id}'] progress\").value") > 0.1)
+    row.get_by_role("button", name="Cancel").click()
+    row.locator(".state.cancelled").wait_for()
+    page.get_by_role("navigation", name="Filter by state").get_by_role("link", name=re.compile("cancelled")).click()
+    page.wait_for_url("**/?state=cancelled")
+    assert page.locator("#jobs .state:not(.cancelled)").count() == 0
+
+
+def test_an_error_is_told_in_words_and_a_job_is_deleted_after_a_question(page: Page, server: Server) -> None:
+    job = server.client.submit({"name": "broken"})
+    page.goto(f"/jobs/{job.id}")
+    page.locator("#job .state.failed").wait_for()
+    assert "with tags" in page.locator("#job .notice.bad").inner_text()
+    assert page.locator("#job b").count() == 0
+    page.get_by_role("button", name="Delete").click()
+    page.get_by_role("button", name="Keep", exact=True).last.click()
+    assert page.url.endswith(job.id)
+    page.get_by_role("button", name="Delete").click()
+    page.get_by_role("button", name="Go on").click()
+    page.wait_for_url(re.compile(r":\d+/$"))
+    assert page.locator(f"tr[data-key='{job.id}']").count() == 0
+
+
+def test_a_grid_is_planned_run_and_compared(page: Page) -> None:
+    page.goto("/campaigns")
+    page.get_by_label("a grid over scenario fields").check()
+    page.get_by_label("Field of axis 1").fill("controller.kind")
+    page.get_by_label("Values of axis 1, by commas").fill("ifem, open_loop")
+    page.get_by_role("button", name="Add an axis").click()
+    page.get_by_label("Field of axis 2").fill("tissue.young")
+    page.get_by_label("Values of axis 2, by commas").fill("3, 6.3")
+    page.get_by_label("Name of the campaign").fill("from <the> page")
+    page.get_by_role("button", name="Dry run").click()
+    page.locator("#messages", has_text="young").wait_for()
+    page.get_by_label("Field of axis 2").fill("tissue.young_kpa")
+    page.get_by_role("button", name="Dry run").click()
+    page.get_by_role("button", name="Start 4 jobs").click()
+    page.wait_for_url(re.compile("/campaigns/[0-9a-z]+$"))
+    page.locator("#head .state.done").wait_for()
+    page.get_by_role("link", name="RMSE mm").click()
+    page.locator("th[aria-sort=ascending]", has_text="RMSE").wait_for()
+    page.get_by_role("button", name="Show the report here").click()
+    page.frame_locator("iframe.report").locator("h1").wait_for()
+    page.get_by_role("link", name="Compare", exact=True).last.click()
+    page.get_by_role("button", name="Compare controllers").click()
+    page.get_by_role("heading", name="Result").wait_for()
+    page.goto("/trends")
+    page.get_by_role("link", name="from <the> page").click()
+    page.locator("#plot-rmse canvas").wait_for()
+    assert "marked as worse" in (page.locator("#plot-rmse").get_attribute("aria-label") or "")
+
+
+def test_a_schedule_is_added_paused_run_and_deleted(page: Page) -> None:
+    page.goto("/schedules")
+    page.get_by_label("a grid over scenario fields").check()
+    page.get_by_label("Field of axis 1").fill("seed")
+    page.get_by_label("Values of axis 1, by commas").fill("0, 1")
+    page.get_by_label("Name", exact=True).fill("nightly")
+    page.get_by_label("Cron line").fill("0 25 * * *")
+    page.get_by_role("button", name="Add", exact=True).click()
+    page.locator("input#cron[aria-invalid=true]").wait_for()
+    page.get_by_label("Cron line").fill("0 2 * * *")
+    page.get_by_role("button", name="Add", exact=True).click()
+    page.get_by_role("heading", name="nightly active").wait_for()
+    page.get_by_role("button", name="Pause nightly").click()
+    page.get_by_role("heading", name="nightly paused").wait_for()
+    page.get_by_role("button", name="Resume nightly").click()
+    page.get_by_role("heading", name="nightly active").wait_for()
+    page.get_by_role("button", name="Run now nightly").click()
+    page.locator("#schedules .state.started").wait_for()
+    page.get_by_role("button", name="Delete nightly").click()
+    page.get_by_role("button", name="Go on").click()
+    page.locator("#schedules section").wait_for(state="detached")
+
+
+def test_the_keyboard_reaches_the_main_actions_in_order(page: Page) -> None:
+    reached = []
+    for _ in range(10):
+        page.keyboard.press("Tab")
+        reached.append(page.evaluate("document.activeElement.textContent.trim()"))
+        outline = page.evaluate("getComputedStyle(document.activeElement).outlineStyle")
+        assert outline != "none", reached
+    assert reached[:9] == [
+        "Skip to the content",
+        "needlebench",
+        "Jobs",
+        "Submit",
+        "Campaigns",
+        "Schedules",
+        "Trends",
+        "Compare",
+        "Submit a job",
+    ]
+    page.goto("/submit")
+    page.keyboard.press("Tab")
+    page.keyboard.press("Enter")
+    page.keyboard.press("Tab")
+    assert page.evaluate("document.activeElement.id") == "preset"
+    page.keyboard.press("Tab")
+    page.keyboard.press("Tab")
+    page.keyboard.type("brisk by keys")
+    page.keyboard.press("Enter")
+    page.wait_for_url(re.compile("/jobs/[0-9a-z]+$"))
+
+
+@pytest.mark.parametrize("scheme", ["light", "dark"])
+def test_text_has_contrast_light_and_dark_and_nothing_overflows(browser: Browser, server: Server, scheme: str) -> None:
+    done, broken = (server.client.wait(server.client.submit({"name": name}).id).id for name in ("quick", "broken"))
+    with opened(browser, server.url, color_scheme=scheme) as page:
+        for address in ("/", "/submit", "/campaigns", "/schedules", "/compare", f"/jobs/{done}", f"/jobs/{broken}"):
+            page.goto(address)
+            for width in (1280, 800):
+                page.set_viewport_size({"width": width, "height": 720})
+                assert page.evaluate("document.documentElement.scrollWidth <= innerWidth"), (address, width)
+            faint = page.evaluate(CONTRAST)
+            assert not faint, (address, scheme, faint)
+        background = page.evaluate("getComputedStyle(document.body).backgroundColor")
+        assert (sum(map(int, re.findall(r"\d+", background)[:3])) < 200) == (scheme == "dark")
+
+
+def test_a_service_that_is_away_is_told(browser: Browser, server: Server) -> None:
+    with opened(browser, server.url, expected="net::ERR_FAILED") as page:
+        page.goto("/submit")
+        page.route("**/api/v1/jobs", lambda route: route.abort())
+        page.get_by_role("button", name="Submit", exact=True).click()
+        page.locator("#messages", has_text="does not answer").wait_for()
+
+
+def test_the_viewer_follows_a_recording_and_can_reach_nothing_else(browser: Browser, server: Server) -> None:
+    """It asks for its maker's servers and complains that its policy says no; no request leaves."""
+    job = server.client.submit({"name": "recorded"})
+    with opened(browser, server.url, expected="") as page:
+        page.goto(f"/jobs/{job.id}")
+        ended(page)
+        with page.expect_response(re.compile(f"/recordings/{job.id}.rrd")) as answer:
+            page.get_by_role("button", name="Open recording").click()
+            page.frame_locator("iframe.viewer").locator("canvas.visible").wait_for()
+        assert answer.value.status == 200
+        assert answer.value.finished() is None
+
+
+# Texts whose contrast against what is behind them is below 4.5 to 1 (WCAG 2.2, 1.4.3).
+CONTRAST = """
+() => {
+  const rgb = (text) => (text.match(/[\\d.]+/g) || []).map(Number);
+  const opaque = (v) => v.length === 3 || v[3] > 0;
+  const linear = (c) => c <= 0.04045 ? c / 12.92 : ((c + 0.055) / 1.055) ** 2.4;
+  const light = (v) => [0.2126, 0.7152, 0.0722].reduce((sum, w, i) => sum + w * linear(v[i] / 255), 0);
+  const behind = (e) => {
+    for (; e; e = e.parentElement) {
+      const colour = rgb(getComputedStyle(e).backgroundColor);
+      if (opaque(colour)) return colour;
+    }
+    return [255, 255, 255];
+  };
+  const found = [];
+  for (const e of document.querySelectorAll("body *")) {
+    const own = [...e.childNodes].some((n) => n.nodeType === 3 && n.textContent.trim());
+    if (!own || !e.checkVisibility() || e.closest(":disabled, svg, .unseen, .skip, option")) continue;
+    const [a, b] = [light(rgb(getComputedStyle(e).color)), light(behind(e))].sort((x, y) => y - x);
+    if ((a + 0.05) / (b + 0.05) < 4.5) found.push(e.textContent.trim().slice(0, 40));
+  }
+  return found;
+}
+"""
