@@ -245,7 +245,7 @@ class Crew:
         from service import worker
 
         folder = self._scratch / uuid.uuid4().hex
-        spec = {"scenario": scenario, "job_id": folder.name}
+        spec = {"scenario": scenario, "job_id": folder.name, "uploads": str(self._scratch)}
         return workman.call(worker.execute, runner, spec, str(folder)), folder
 
     @staticmethod

@@ -69,6 +69,7 @@ class Group:
     kinds: dict[str, str] = field(default_factory=dict)
     kind: str = ""
     inside: tuple[str, ...] = ()  # kinds of the block around it for which it counts
+    mark: str = ""
 
     @property
     def open(self) -> bool:
@@ -76,7 +77,7 @@ class Group:
 
     @property
     def id(self) -> str:
-        return self.path.replace(".", "-") or "run"
+        return (self.path.replace(".", "-") or "run") + self.mark
 
 
 @cache
@@ -121,7 +122,7 @@ class _Maker:
         self._definitions = definitions
 
     def is_block(self, part: Json) -> bool:
-        return bool(self._kinds(part)) or self._resolved(part).get("type") == "object"
+        return bool(self._kinds(part)) or "properties" in self._resolved(part)
 
     def _resolved(self, part: Json) -> Json:
         name = part.get("$ref", "").rpartition("/")[2]
@@ -133,7 +134,8 @@ class _Maker:
         found = [self._resolved(option) for option in part.get("oneOf", [])]
         return {option["properties"][_TAG]["const"]: option for option in found}
 
-    def group(self, prefix: str, name: str, part: Json, inside: tuple[str, ...] = ()) -> Group:
+    def group(self, prefix: str, name: str, part: Json, inside: tuple[str, ...] = (), mark: str = "") -> Group:
+        """mark: tells a block from another one of the same path, that of another kind around it."""
         path = f"{prefix}{name}"
         kinds = self._kinds(part)
         options = kinds or {"": self._resolved(part)}
@@ -147,16 +149,17 @@ class _Maker:
         for key, found in fields.items():
             for number, (one, where) in enumerate(found):
                 shared = () if len(where) == len(options) else tuple(where)
+                own = f"{mark}-{number}" if number else mark
                 if self.is_block(one):
-                    groups.append(self.group(f"{path}.", key, one, shared))
+                    groups.append(self.group(f"{path}.", key, one, shared, own))
                 else:
-                    entries.append(self.entry(f"{path}.", key, one, shared, number))
+                    entries.append(self.entry(f"{path}.", key, one, shared, own))
         about = {kind: _first_sentence(option.get("description", "")) for kind, option in kinds.items()}
         title = label_of(name)[0]
         kind = default.get(_TAG, next(iter(kinds), ""))
-        return Group(path, title, part.get("description", ""), tuple(entries), tuple(groups), about, kind, inside)
+        return Group(path, title, part.get("description", ""), tuple(entries), tuple(groups), about, kind, inside, mark)
 
-    def entry(self, prefix: str, name: str, part: Json, kinds: tuple[str, ...] = (), number: int = 0) -> Entry:
+    def entry(self, prefix: str, name: str, part: Json, kinds: tuple[str, ...] = (), mark: str = "") -> Entry:
         label, unit = label_of(name)
         path = f"{prefix}{name}"
         inner = next((one for one in part.get("anyOf", []) if one.get("type") != "null"), part)
@@ -173,7 +176,7 @@ class _Maker:
             maximum=bounds.get("maximum"),
             choices=tuple(inner.get("enum") or inner.get("items", {}).get("enum") or ()),
             kinds=kinds,
-            id="f-" + path.replace(".", "-") + (f"-{number}" if number else ""),
+            id="f-" + path.replace(".", "-") + mark,
         )
 
 

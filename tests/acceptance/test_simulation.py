@@ -174,7 +174,9 @@ def test_the_demo_takes_the_next_port_and_stays_until_ctrl_c(tmp_path: Path) -> 
     with socket.create_server(("127.0.0.1", 0)) as holder:
         port = holder.getsockname()[1]
         command = [sys.executable, "-m", "service.cli", "demo", "--keep", "--data", str(tmp_path), "--port", str(port)]
-        with subprocess.Popen(command, cwd=ROOT, stdout=subprocess.PIPE, text=True) as process:
+        with subprocess.Popen(
+            command, cwd=ROOT, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True
+        ) as process:
             assert process.stdout is not None
             told = []
             for line in process.stdout:

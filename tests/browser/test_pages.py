@@ -47,7 +47,7 @@ def ended(page: Page) -> None:
 
 def test_submit_from_the_form_and_follow_to_the_end(page: Page) -> None:
     page.goto("/submit")
-    page.get_by_label("Name").fill("brisk from the page")
+    page.locator("#f-name").fill("brisk from the page")
     page.get_by_label("Young").first.fill("4.5")
     page.get_by_text("JSON that will be sent").first.click()
     sent = page.locator("#json").inner_text()

@@ -58,7 +58,7 @@ function fill(data) {
   for (const field of fields) {
     if (field.dataset.path.startsWith("@")) continue;
     let found = at(data, field.dataset.path);
-    if (field.dataset.entry !== "kind" && found !== null && typeof found === "object" && !Array.isArray(found)) found = undefined;
+    if (!["kind", "json"].includes(field.dataset.entry) && found !== null && typeof found === "object" && !Array.isArray(found)) found = undefined;
     put(field, found);
   }
   update();
@@ -96,7 +96,7 @@ function body() {
 
 /** A block whose kind is the default one is sent with its kind, so that the JSON says what it is. */
 function needKind(holder, name, path) {
-  const select = form.querySelector(`[data-path="${CSS.escape(path)}.kind"] select`);
+  const select = [...form.querySelectorAll(`[data-path="${CSS.escape(path)}.kind"] select`)].find(counts);
   const block = holder[name];
   if (!select || block === null || typeof block !== "object" || Array.isArray(block)) return;
   holder[name] = { kind: select.value, ...block };
