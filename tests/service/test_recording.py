@@ -412,3 +412,16 @@ def test_plain_values() -> None:
     data = {"a": {"b": 1, "c": None, "d": [1, "x"]}, "e": True, "scenario": {"f": 2}, "g": "text"}
     plain = plain_values(data, leave_out=("scenario",))
     assert plain == {"a.b": 1.0, "a.d": '[1, "x"]', "e": True, "g": "text"}
+
+
+@pytest.mark.parametrize(("long_steps", "compacted"), [(STEPS, 1), (STEPS + 1, 0)])
+def test_only_long_recordings_are_compacted(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, long_steps: int, compacted: int
+) -> None:
+    calls: list[Path] = []
+    monkeypatch.setattr(recording, "LONG_STEPS", long_steps)
+    monkeypatch.setattr(recording, "optimize", calls.append)
+    path = tmp_path / "a.rrd"
+    with RerunObserver(path, recording_id="a") as observer:
+        FakeRun(short()).run(observer)
+    assert calls == [path] * compacted
