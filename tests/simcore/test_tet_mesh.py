@@ -123,7 +123,9 @@ def test_the_box_as_tetrahedra_locates_as_the_box(share: Vector) -> None:
     point = share * SIZE_M
     for mesh in (BOX, AS_TETS):
         nodes, weights = mesh.locate(point)
-        np.testing.assert_allclose(weights @ mesh.nodes_m[nodes], np.clip(share, 0.0, 1.0) * SIZE_M, atol=1e-12)
+        nearest = np.clip(share, 0.0, 1.0) * SIZE_M
+        # the parts of a triangle are told apart by differences of squares: half the digits are left near an edge
+        np.testing.assert_allclose(weights @ mesh.nodes_m[nodes], nearest, atol=2e-9)
 
 
 def ball(mesh: Mesh, centre: Vector, radius_m: float) -> Vector:
