@@ -58,12 +58,15 @@ def check_recordings(data: Path, finished: set[tuple[str, int]]) -> Counter[str]
     found: Counter[str] = Counter()
     for path in recordings(data):
         whole = (path.parts[-3], int(path.parts[-2])) in finished
-        if path.stat().st_size == 0 and not whole:
+        if not whole and path.stat().st_size == 0:
             found["empty"] += 1
             continue
         try:
             check_readable(path)
         except ViewerError as error:
+            if not whole and str(error).endswith("holds no recording"):  # its layout was written, and no block yet
+                found["empty"] += 1
+                continue
             raise AssertionError(f"{path}, whole={whole}: {error}") from None
         found["whole" if whole else "cut short"] += 1
     return found
