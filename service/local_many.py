@@ -6,41 +6,17 @@ import hashlib
 import json
 import zipfile
 from collections.abc import Iterator, Sequence
-from concurrent.futures import FIRST_COMPLETED, Future, wait
-from contextlib import ExitStack
+from contextlib import closing
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from benchmarks.dataset import Insertion
-from benchmarks.paper.records import Case
-from service import pool
+from benchmarks.paper.records import Case, Outcome
+from service.run_many import CRASHED, Crew
 from simcore.artefacts import replace_atomically
 from simcore.compiled import fingerprint
-from simcore.dataset import VARIABLES
-
-if TYPE_CHECKING:
-    from numpy.typing import NDArray
-
-    Answer = tuple[dict[str, NDArray[np.float64]], str, str]
-
-
-def warm_up() -> None:
-    """In a worker: compile every kernel, or load it from the cache."""
-    from simcore.rollout import compile_kernels
-
-    compile_kernels()
-
-
-def table_of(scenario: dict[str, Any]) -> Answer:
-    """In a worker: run a scenario; its table I, its status and its digest."""
-    from simcore.dataset import table_one
-    from simcore.rollout import run
-    from simcore.scenario import Scenario
-
-    done = run(Scenario.load(scenario))
-    return table_one(done.series), str(done.status), done.digest
+from simcore.dataset import VARIABLES, DatasetError, table_one
 
 
 class Kept:
@@ -62,6 +38,17 @@ class Kept:
         except (OSError, KeyError, ValueError, EOFError, zipfile.BadZipFile):
             return None
 
+    def gathered(self, outcome: Outcome) -> Insertion:
+        """What a worker has just finished; its series, of which only table I is wanted, is removed."""
+        case, result = outcome.case, outcome.result
+        if result["status"] == CRASHED:
+            raise DatasetError(f"{case.id}: {result['message']}")
+        series = self.folder / f"{case.id}.npz"
+        with np.load(series, allow_pickle=False) as file:
+            table = table_one(file)
+        series.unlink()
+        return Insertion(case, table, result["status"], result["digest"])
+
     def keep(self, done: Insertion) -> None:
         """Store one."""
         self.folder.mkdir(parents=True, exist_ok=True)
@@ -73,7 +60,7 @@ class Kept:
 def insertions(cases: Sequence[Case], *, workers: int, kept: Kept) -> Iterator[Insertion]:
     """Each insertion as soon as it is finished, those that were kept first; one case at a time on each worker.
 
-    Raises what an insertion raised. Whoever stops asking stops the workers.
+    Raises DatasetError for an insertion that left no result. Whoever stops asking stops the workers.
     """
     waiting: list[Case] = []
     for case in cases:
@@ -82,33 +69,9 @@ def insertions(cases: Sequence[Case], *, workers: int, kept: Kept) -> Iterator[I
             yield known
         else:
             waiting.append(case)
-    with ExitStack() as stack:
-        staff = [pool.Worker() for _ in range(min(workers, len(waiting)))]
-        for worker in staff:
-            stack.callback(worker.stop)
-        lock = str(kept.folder / "warm.lock")
-        for worker in staff:
-            worker.call(pool.warm, "service.local_many:table_of", lock).result()
-        for case, answer in _answers(staff, waiting):
-            done = Insertion(case, *answer)
+    kept.folder.mkdir(parents=True, exist_ok=True)
+    with Crew(workers, folder=kept.folder, files=Path.cwd()) as crew, closing(crew.run_many(waiting)) as outcomes:
+        for outcome in outcomes:
+            done = kept.gathered(outcome)
             kept.keep(done)
             yield done
-
-
-def _answers(staff: list[pool.Worker], cases: list[Case]) -> Iterator[tuple[Case, Answer]]:
-    left = iter(cases)
-    running: dict[Future[Any], tuple[pool.Worker, Case]] = {}
-
-    def next_for(worker: pool.Worker) -> None:
-        case = next(left, None)
-        if case is not None:
-            running[worker.call(table_of, case.scenario)] = worker, case
-
-    for worker in staff:
-        next_for(worker)
-    while running:
-        for future in wait(running, return_when=FIRST_COMPLETED).done:
-            worker, case = running.pop(future)
-            answer = pool.answer(future)
-            next_for(worker)
-            yield case, answer

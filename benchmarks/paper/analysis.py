@@ -169,7 +169,8 @@ def box(errors: statistics.Vector) -> Box | None:
     reach = WHISKER * (q3 - q1)
     inner = kept[(kept >= q1 - reach) & (kept <= q3 + reach)]
     beyond = kept[(kept < q1 - reach) | (kept > q3 + reach)]
-    return Box(q1, median, q3, float(inner.min()), float(inner.max()), tuple(float(v) for v in beyond))
+    low, high = min(q1, float(inner.min())), max(q3, float(inner.max()))  # a quartile may lie between two errors
+    return Box(q1, median, q3, low, high, tuple(float(v) for v in beyond))
 
 
 def floored(members: Sequence[Row]) -> bool | None:

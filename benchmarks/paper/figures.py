@@ -45,7 +45,7 @@ def box_panels(report: Json, young: str, noise: str, *, arms: Sequence[str] | No
 
 
 def _count(score: Json) -> str:
-    return f"{score['failed']} of {score['insertions']} failed" if score["failed"] else f"n = {score['insertions']}"
+    return f"n = {score['insertions']}" + (f"\n{score['failed']} failed" if score["failed"] else "")
 
 
 def _mark(place: int, box: Json, colour: int, beyond: Sequence[float]) -> BoxMark:

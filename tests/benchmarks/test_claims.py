@@ -7,9 +7,10 @@ import io
 import math
 from typing import Any
 
+import numpy as np
 import pytest
 
-from benchmarks.paper.analysis import controller_contrasts, scores, young_contrasts
+from benchmarks.paper.analysis import box, controller_contrasts, scores, young_contrasts
 from benchmarks.paper.claims import CONTRADICTED, NOT_TESTABLE, REPRODUCED, Claim, Findings, claims
 from benchmarks.paper.comparison import as_json, compare
 from benchmarks.paper.places import border_mm, chosen, face_mm, spots
@@ -123,6 +124,13 @@ def test_scores_of_a_hand_worked_group() -> None:
     assert found["open_loop"].within_1mm == 0.0  # 0.8 mm RMSE, 1.7 mm at worst
     assert ifem.box is not None
     assert ifem.box.high == 0.3
+
+
+def test_whiskers_never_end_inside_the_box() -> None:
+    """An interpolated quartile can lie above every error within its reach."""
+    found = box(np.array([0.0, 0.0, 0.0, 9.0]))
+    assert found is not None
+    assert (found.q3, found.high, found.beyond) == (2.25, 2.25, (9.0,))
 
 
 def test_all_groups_together_only_for_who_ran_in_all() -> None:
