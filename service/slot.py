@@ -24,7 +24,7 @@ from service.settings import Settings
 from service.store import Store
 
 _log = logging.getLogger(ROOT)
-_TICK_S = 0.1
+_TICK_S = 0.2
 _IDLE_S = 0.5
 _FIRST_PAUSE_S, _LONGEST_PAUSE_S = 1.0, 30.0
 
@@ -188,7 +188,7 @@ class Slot(threading.Thread):
         try:
             if news is not None:
                 self._store.beat(job, news)
-            return self._store.glance(job.id).cancel_requested
+            return self._store.cancel_requested(job.id)
         except SQLAlchemyError as error:  # a full disk, a locked database: the job goes on, the next tick tries again
             _log.warning("job %s: %s", job.id, error)
             return False
