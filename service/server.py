@@ -26,6 +26,7 @@ from service.app import create_app
 from service.core import Service
 from service.lock import Busy, held
 from service.progress import replace_text
+from service.protocol import Protocol
 from service.settings import DEFAULT_PORT, Settings, url_of
 from simcore.errors import NeedlebenchError
 
@@ -124,6 +125,7 @@ class _Server(uvicorn.Server):
     def __init__(self, service: Service, url: str, announce: Callable[[str], None]) -> None:
         config = uvicorn.Config(
             create_app(service),
+            http=Protocol,
             log_config=None,
             log_level="warning",
             access_log=False,

@@ -10,7 +10,8 @@ from collections.abc import Iterator
 import pytest
 
 MOMENTS, SEED = "NEEDLEBENCH_CHAOS_MOMENTS", "NEEDLEBENCH_CHAOS_SEED"
-_SHORT = "3"
+REQUESTS = "NEEDLEBENCH_CHAOS_REQUESTS"
+_SHORT, _FEW = "3", "400"
 _table: list[tuple[str, str]] = []
 
 
@@ -34,6 +35,12 @@ def pytest_terminal_summary(terminalreporter: pytest.TerminalReporter) -> None:
 def moments() -> int:
     """How often something is killed."""
     return int(os.environ.get(MOMENTS, _SHORT))
+
+
+@pytest.fixture
+def requests() -> int:
+    """How many requests are generated."""
+    return int(os.environ.get(REQUESTS, _FEW))
 
 
 @pytest.fixture
