@@ -1,4 +1,4 @@
-"""How many random moments are tried, from which seed, and the table of what was measured."""
+"""How much is tried, from which seed, and the table of what was measured."""
 
 from __future__ import annotations
 
@@ -11,7 +11,8 @@ import pytest
 
 MOMENTS, SEED = "NEEDLEBENCH_CHAOS_MOMENTS", "NEEDLEBENCH_CHAOS_SEED"
 REQUESTS = "NEEDLEBENCH_CHAOS_REQUESTS"
-_SHORT, _FEW = "3", "400"
+CLIENTS, SECONDS, JOBS = "NEEDLEBENCH_CHAOS_CLIENTS", "NEEDLEBENCH_CHAOS_SECONDS", "NEEDLEBENCH_CHAOS_JOBS"
+_SHORT, _FEW, _SHORT_CAMPAIGN = "3", "400", "30"
 _table: list[tuple[str, str]] = []
 
 
@@ -41,6 +42,26 @@ def moments() -> int:
 def requests() -> int:
     """How many requests are generated."""
     return int(os.environ.get(REQUESTS, _FEW))
+
+
+@pytest.fixture
+def clients() -> int:
+    """How many clients ask at the same time; without a number the test is left out."""
+    if CLIENTS not in os.environ:
+        pytest.skip("a measurement of minutes: make chaos")
+    return int(os.environ[CLIENTS])
+
+
+@pytest.fixture
+def seconds() -> float:
+    """How long they ask."""
+    return float(os.environ.get(SECONDS, "60"))
+
+
+@pytest.fixture
+def campaign_jobs() -> int:
+    """How many jobs a campaign has."""
+    return int(os.environ.get(JOBS, _SHORT_CAMPAIGN))
 
 
 @pytest.fixture

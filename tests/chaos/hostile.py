@@ -42,7 +42,8 @@ _NAMES = st.sampled_from(
 _HEADERS = st.sampled_from(
     ["Accept", "Range", "If-None-Match", "If-Match", "If-Range", "Last-Event-ID", "Cookie", "Authorization", "Origin",
      "Idempotency-Key", "Content-Type", "X-Request-Id", "Accept-Encoding", "Sec-Fetch-Site", "Expect",
-     "X-Forwarded-For", "Content-Encoding", "Upgrade", "If-Modified-Since", "Accept-Language", "Host", "Transfer-Encoding"]
+     "X-Forwarded-For", "Content-Encoding", "Upgrade", "If-Modified-Since", "Accept-Language", "Host",
+     "Transfer-Encoding"]
 )  # fmt: skip
 _VALUES = st.one_of(
     st.sampled_from(
