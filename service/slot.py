@@ -161,10 +161,10 @@ class Slot(threading.Thread):
         while not self._stopping.is_set():
             done = bool(wait([future], timeout=_TICK_S).done)
             now = progress.read(folder)
-            due = now != known and (done or time.monotonic() - told >= progress.INTERVAL_S)
-            cancelled = self._cancelled(job, now if due else None)
             if done:
-                return self._outcome(job, pool.answer(future))
+                return self._outcome(job, pool.answer(future), now)
+            due = now != known and time.monotonic() - told >= progress.INTERVAL_S
+            cancelled = self._cancelled(job, now if due else None)
             if not workman.alive:
                 raise pool.Lost("its worker process died")
             if cancelled:
@@ -193,8 +193,8 @@ class Slot(threading.Thread):
             _log.warning("job %s: %s", job.id, error)
             return False
 
-    def _outcome(self, job: Job, answer: dict[str, Any]) -> Outcome:
-        left = {"cpu_s": answer["cpu_s"], "max_rss_mb": answer["max_rss_mb"]}
+    def _outcome(self, job: Job, answer: dict[str, Any], last: dict[str, Any] | None) -> Outcome:
+        left = {"cpu_s": answer["cpu_s"], "max_rss_mb": answer["max_rss_mb"], "progress": last}
         files = self._files(job, answer["artefacts"])
         if answer["error"] is not None:
             kind, message = answer["error"]["kind"], answer["error"]["message"]

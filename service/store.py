@@ -218,6 +218,8 @@ class Store(Reads):
             "max_rss_mb": outcome.max_rss_mb,
             "finished_at": self._now(),
         }
+        if outcome.progress is not None:
+            values["progress"] = outcome.progress
         with self._write() as connection:
             done = self._move(connection, job, outcome.state, values)
             names = [field.name for field in fields(Artefact)]

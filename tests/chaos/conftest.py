@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 import random
 import sys
+import textwrap
 from collections.abc import Iterator
 
 import pytest
@@ -13,6 +14,10 @@ MOMENTS, SEED = "NEEDLEBENCH_CHAOS_MOMENTS", "NEEDLEBENCH_CHAOS_SEED"
 REQUESTS = "NEEDLEBENCH_CHAOS_REQUESTS"
 CLIENTS, SECONDS, JOBS = "NEEDLEBENCH_CHAOS_CLIENTS", "NEEDLEBENCH_CHAOS_SECONDS", "NEEDLEBENCH_CHAOS_JOBS"
 _SHORT, _FEW, _SHORT_CAMPAIGN = "3", "400", "30"
+_ELSEWHERE = {
+    "tests/acceptance/test_disk.py": "disk full, read-only, locked; the clock",
+    "tests/service/test_hostile.py": "hostile input",
+}
 _table: list[tuple[str, str]] = []
 
 
@@ -26,10 +31,22 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
 
 
 def pytest_terminal_summary(terminalreporter: pytest.TerminalReporter) -> None:
-    if _table:
+    rows = [*_table, *_elsewhere(terminalreporter)]
+    if rows:
         terminalreporter.section("chaos")
-        for name, figures in _table:
-            terminalreporter.line(f"{name:<28}{figures}")
+        for name, found in rows:
+            lines = textwrap.wrap(found, 100, break_long_words=False)
+            for head, line in zip((name, *[""] * len(lines)), lines, strict=False):
+                terminalreporter.line(f"{head:<42}{line}")
+
+
+def _elsewhere(reporter: pytest.TerminalReporter) -> Iterator[tuple[str, str]]:
+    """A row for each file of tests that belong to the table and need no figures."""
+    for path, name in _ELSEWHERE.items():
+        ended = {kind: reporter.stats.get(kind, []) for kind in ("passed", "failed", "error")}
+        counts = {kind: sum(one.nodeid.startswith(path) for one in reports) for kind, reports in ended.items()}
+        if any(counts.values()):
+            yield name, ", ".join(f"{kind} {count}" for kind, count in counts.items() if count)
 
 
 @pytest.fixture

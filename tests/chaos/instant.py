@@ -6,6 +6,7 @@ import time
 from pathlib import Path
 from typing import Any
 
+from service import worker
 from tests.acceptance import fakes
 
 SPIN = "spin "  # name of a scenario that asks for CPU time: "spin 50" for 50 ms
@@ -20,6 +21,13 @@ def run_job(spec: dict[str, Any], artefact_dir: Path) -> dict[str, Any]:
     while time.process_time() < end:
         pass
     return {"status": "completed", "metrics": {"success": True}, "seed": spec["scenario"]["seed"]}
+
+
+def only_the_job(runner: str, spec: dict[str, Any], folder: str) -> Any:
+    """In a worker: what `runner` does, and nothing around it."""
+    target = Path(folder)
+    target.mkdir(parents=True)
+    return worker.resolve(runner)(spec, target)
 
 
 def warm_up() -> None:

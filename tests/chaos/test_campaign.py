@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import itertools
 import threading
 import time
 from collections import Counter
@@ -14,11 +13,11 @@ from typing import Any
 import pytest
 
 from needlebench import Client
-from service import pool, worker
+from service import pool
 from service.settings import RUNNER
 from tests.acceptance.server import running_server, until
 from tests.chaos.flat import cpu_s
-from tests.chaos.instant import SPIN
+from tests.chaos.instant import SPIN, only_the_job
 
 _WORKERS = 2
 _INSTANT = "tests.chaos.instant:run_job"
@@ -29,13 +28,6 @@ _TINY: dict[str, Any] = {  # as short as an insertion can well be
     "recording": {"enabled": False},
 }
 _PAGE = 1000  # events in an answer
-
-
-def only_the_job(runner: str, spec: dict[str, Any], folder: str) -> Any:
-    """In a worker: the job and nothing around it."""
-    target = Path(folder)
-    target.mkdir(parents=True)
-    return worker.resolve(runner)(spec, target)
 
 
 @pytest.mark.parametrize(
@@ -89,27 +81,28 @@ def _bare(folder: Path, runner: str, scenarios: list[dict[str, Any]]) -> float:
     """Jobs a second by the same workers, with no service around them: as soon as one is done, the next."""
     from simcore.scenario import Scenario
 
-    work = iter([Scenario.load(scenario).resolved() for scenario in scenarios])
-    numbers, taking = itertools.count(), threading.Lock()
+    specs = [{"scenario": Scenario.load(s).resolved(), "job_id": "bare", "uploads": str(folder)} for s in scenarios]
+    work, taking = iter(enumerate(specs)), threading.Lock()
     workers = [pool.Worker() for _ in range(_WORKERS)]
+
+    def finished(workman: pool.Worker, function: Any, *args: Any) -> None:
+        future = workman.call(function, *args)
+        wait([future])
+        pool.answer(future)
 
     def see_through(workman: pool.Worker) -> None:
         while True:
             with taking:
-                scenario, number = next(work, None), next(numbers)
-            if scenario is None:
+                number, spec = next(work, (0, None))
+            if spec is None:
                 return
-            spec = {"scenario": scenario, "job_id": str(number), "uploads": str(folder)}
-            future = workman.call(only_the_job, runner, spec, str(folder / str(number)))
-            wait([future])
-            pool.answer(future)
+            finished(workman, only_the_job, runner, spec, str(folder / str(number)))
 
     folder.mkdir(parents=True)
     try:
-        for workman in workers:
-            warming = workman.call(pool.warm, runner, str(folder / "lock"))
-            wait([warming])
-            pool.answer(warming)
+        for number, workman in enumerate(workers):
+            finished(workman, pool.warm, runner, str(folder / "lock"))
+            finished(workman, only_the_job, runner, specs[0], str(folder / f"first {number}"))
         started = time.monotonic()
         threads = [threading.Thread(target=see_through, args=(workman,)) for workman in workers]
         for thread in threads:
