@@ -7,6 +7,10 @@ BIN := .venv/$(if $(filter Windows_NT,$(OS)),Scripts,bin)
 UV ?= $(firstword $(wildcard $(BIN)/uv) uv)
 ARGS ?=
 MOMENTS ?= 50
+REQUESTS ?= 10000
+CLIENTS ?= 200
+SECONDS ?= 60
+JOBS ?= 2000
 SEED ?= 1
 
 .PHONY: help run env check test test-fast chaos verification models lock image clean
@@ -31,8 +35,10 @@ test: check  ## everything: lint, format, types and all tests
 test-fast: check  ## the same without the slow tests
 	$(BIN)/python -m pytest -m "not slow" $(ARGS)
 
-chaos: env  ## kill workers and servers at random moments, 50 each (MOMENTS=200 SEED=7 for another run); prints a table
-	NEEDLEBENCH_CHAOS_MOMENTS=$(MOMENTS) NEEDLEBENCH_CHAOS_SEED=$(SEED) $(BIN)/python -m pytest -m chaos tests/chaos $(ARGS)
+chaos: env  ## kill, flood and starve real servers; prints a table (MOMENTS=50 REQUESTS=10000 CLIENTS=200 SECONDS=60 JOBS=2000 SEED=1)
+	NEEDLEBENCH_CHAOS_MOMENTS=$(MOMENTS) NEEDLEBENCH_CHAOS_REQUESTS=$(REQUESTS) NEEDLEBENCH_CHAOS_CLIENTS=$(CLIENTS) \
+	NEEDLEBENCH_CHAOS_SECONDS=$(SECONDS) NEEDLEBENCH_CHAOS_JOBS=$(JOBS) NEEDLEBENCH_CHAOS_SEED=$(SEED) \
+	$(BIN)/python -m pytest tests/chaos tests/acceptance/test_disk.py tests/service/test_hostile.py $(ARGS)
 
 verification: env  ## run the physics and reproducibility tests and write benchmarks/results/verification.md (SOURCE_DATE=... for its header)
 	SOURCE_DATE="$${SOURCE_DATE:-$$(date -u +%Y-%m-%d)}" \

@@ -6,6 +6,7 @@ import asyncio
 import hashlib
 import json
 import shutil
+from contextlib import suppress
 from typing import Annotated, Any
 
 from fastapi import APIRouter, Header, Query, Request, Response, status
@@ -22,6 +23,7 @@ from simcore.scenario import Scenario
 router = APIRouter(prefix="/api/v1/jobs", tags=["jobs"])
 
 LONGEST_WAIT_S = 60.0
+_LOOK_S = 5.0  # how often a long poll looks whether somebody still waits for it
 _LOCATION = {"Location": {"description": "Where the job is.", "schema": {"type": "string"}}}
 
 
@@ -37,12 +39,11 @@ def submit_job(
     body: JobRequest,
     service: ServiceOf,
     request: Request,
-    response: Response,
     idempotency_key: Annotated[
         str | None,
         Header(min_length=1, max_length=200, description="The same key and request give the same job again."),
     ] = None,
-) -> JobView:
+) -> Response:
     """Queue one insertion. The scenario is checked first: what is wrong with it is named field by field."""
     service.refuse_when_closing()
     scenario, uploads = _scenario(body.scenario, service)
@@ -61,8 +62,12 @@ def submit_job(
         uploads=sorted(uploads),
     )
     service.engine.poke()
-    response.headers["Location"] = f"/api/v1/jobs/{job.id}"
-    return JobView.of(job)
+    return _whole(job, status.HTTP_202_ACCEPTED, {"Location": f"/api/v1/jobs/{job.id}"})
+
+
+def _whole(job: Job, code: int, headers: dict[str, str]) -> Response:
+    """All of a job, written once: the framework would check it again and turn it into JSON by way of Python."""
+    return Response(JobView.of(job).model_dump_json(), code, headers, media_type="application/json")
 
 
 def _scenario(value: Any, service: Service) -> tuple[Scenario, set[str]]:
@@ -121,13 +126,13 @@ async def get_job(
 ) -> Response:
     """The job now. With `wait`, when it has ended or the time is over; with If-None-Match too, as soon as it
     differs from that version."""
-    version = await _settled(service, request, job_id, wait, if_none_match)
-    headers = {"ETag": version, "Cache-Control": "no-cache"}
-    if matches(if_none_match, version):
-        return Response(status_code=304, headers=headers)
+    headers = {"Cache-Control": "no-cache"}
+    if wait or if_none_match is not None:
+        version = await _settled(service, request, job_id, wait, if_none_match)
+        if matches(if_none_match, version):
+            return Response(status_code=304, headers={"ETag": version, **headers})
     job = await run_in_threadpool(service.store.get, job_id)
-    headers["ETag"] = etag(job)
-    return Response(JobView.of(job).model_dump_json(), media_type="application/json", headers=headers)
+    return _whole(job, status.HTTP_200_OK, {"ETag": etag(job), **headers})
 
 
 def etag(job: Job) -> str:
@@ -137,19 +142,21 @@ def etag(job: Job) -> str:
 
 async def _settled(service: Service, request: Request, job_id: str, wait_s: float, known: str | None) -> str:
     """Wait until there is something to answer; the version of the job then."""
-    end = asyncio.get_running_loop().time() + wait_s
+    clock = asyncio.get_running_loop().time
+    end = clock() + wait_s
     with service.changes.watch(job_id) as changed:
         while True:
+            changed.clear()  # before reading: a change after it is not missed
             job = await run_in_threadpool(service.store.glance, job_id)
-            left = end - asyncio.get_running_loop().time()
             news = known is not None and not matches(known, etag(job))
-            if job.terminal or news or left <= 0 or service.changes.closed or await request.is_disconnected():
+            if job.terminal or news or service.changes.closed:
                 return etag(job)
-            changed.clear()
-            try:
-                await asyncio.wait_for(changed.wait(), min(left, 5.0))
-            except TimeoutError:
-                continue
+            while not changed.is_set():
+                left = end - clock()
+                if left <= 0 or await request.is_disconnected():
+                    return etag(job)
+                with suppress(TimeoutError):
+                    await asyncio.wait_for(changed.wait(), min(left, _LOOK_S))
 
 
 @router.post(

@@ -75,9 +75,10 @@ class Event:
 
 @dataclass(frozen=True, kw_only=True)
 class Outcome:
-    """How an attempt ended: a terminal state and what goes with it."""
+    """How an attempt ended: a terminal state and what goes with it. progress: None = as it was told last."""
 
     state: str
+    progress: dict[str, Any] | None = None
     result: dict[str, Any] | None = None
     error_kind: str | None = None
     error: str | None = None

@@ -6,7 +6,7 @@ import statistics
 from dataclasses import fields
 from typing import Any
 
-from sqlalchemy import Connection, Engine, Row, func, literal, select
+from sqlalchemy import Connection, Engine, Row, Select, bindparam, func, literal, select
 
 from service import tables
 from service.jobs import QUEUED, SUCCEEDED, TERMINAL, Artefact, Event, Job, UnknownJob
@@ -14,6 +14,9 @@ from service.jobs import QUEUED, SUCCEEDED, TERMINAL, Artefact, Event, Job, Unkn
 JOB = tables.job
 COLUMNS = [JOB.c[field.name] for field in fields(Job)]
 LISTED = [literal(None).label(c.name) if c.name in ("spec", "result") else c for c in COLUMNS]
+WHOLE = select(*COLUMNS).where(JOB.c.id == bindparam("job_id"))  # made once: making one costs more than running it
+BRIEF = select(*LISTED).where(JOB.c.id == bindparam("job_id"))
+_CANCELLED = select(JOB.c.cancel_requested).where(JOB.c.id == bindparam("job_id"))
 _MOST_EVENTS = 1000
 
 
@@ -36,13 +39,17 @@ class Reads:
     def glance(self, job_id: str) -> Job:
         """The job without its spec and result, which can be large. Raises UnknownJob."""
         with self._engine.begin() as connection:
-            return read(connection, job_id, LISTED)
+            return read(connection, job_id, BRIEF)
 
     def having(self, job_id: str) -> list[Job]:
         """The job without its spec and result, if there is one."""
         with self._engine.begin() as connection:
-            rows = connection.execute(select(*LISTED).where(JOB.c.id == job_id))
-            return [to_job(row) for row in rows]
+            return [to_job(row) for row in connection.execute(BRIEF, {"job_id": job_id})]
+
+    def cancel_requested(self, job_id: str) -> bool:
+        """Whether somebody wants the job to stop; also when it is gone."""
+        with self._engine.begin() as connection:
+            return bool(connection.execute(_CANCELLED, {"job_id": job_id}).scalar_one_or_none() in (True, None))
 
     def newest(self, *, state: str | None = None, limit: int = 50, before: int | None = None) -> list[Job]:
         """Jobs without spec and result, newest first, those that arrived before sequence number `before`."""
@@ -108,9 +115,9 @@ class Reads:
             return connection.execute(select(func.max(tables.event.c.seq))).scalar() or 0
 
 
-def read(connection: Connection, job_id: str, columns: list[Any] = COLUMNS) -> Job:
-    """The job of this id, within a transaction. Raises UnknownJob."""
-    row = connection.execute(select(*columns).where(JOB.c.id == job_id)).one_or_none()
+def read(connection: Connection, job_id: str, query: Select[Any] = WHOLE) -> Job:
+    """The job of this id, within a transaction; BRIEF leaves out spec and result. Raises UnknownJob."""
+    row = connection.execute(query, {"job_id": job_id}).one_or_none()
     if row is None:
         raise UnknownJob(f"there is no job {job_id}")
     return to_job(row)

@@ -15,6 +15,7 @@ from service.monitor import Monitor
 
 _log = logging.getLogger(f"{ROOT}.http")
 _HEADER = "X-Request-Id"
+_METHODS = frozenset({"GET", "HEAD", "POST", "PUT", "PATCH", "DELETE", "OPTIONS"})
 _GOOD = re.compile(r"[A-Za-z0-9._-]{1,64}")
 
 
@@ -38,7 +39,7 @@ class RequestLog:
             if message["type"] == "http.response.start":
                 status = message["status"]
                 MutableHeaders(scope=message)[_HEADER] = name
-                self._monitor.answered(scope["method"], _route(scope), status, time.perf_counter() - started)
+                self._monitor.answered(_method(scope), _route(scope), status, time.perf_counter() - started)
             await send(message)
 
         token = request_id.set(name)
@@ -49,6 +50,11 @@ class RequestLog:
             told = {"method": scope["method"], "path": scope["path"], "status": status, "duration_ms": duration_ms}
             _log.info("%s %s %d", scope["method"], scope["path"], status, extra={**told, "request_id": name})
             request_id.reset(token)
+
+
+def _method(scope: Scope) -> str:
+    """The method, if it is one: anybody can make up new ones, and each would be counted apart for ever."""
+    return scope["method"] if scope["method"] in _METHODS else "other"
 
 
 def _route(scope: Scope) -> str:

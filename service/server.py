@@ -26,6 +26,7 @@ from service.app import create_app
 from service.core import Service
 from service.lock import Busy, held
 from service.progress import replace_text
+from service.protocol import Protocol
 from service.settings import DEFAULT_PORT, Settings, url_of
 from simcore.errors import NeedlebenchError
 
@@ -95,7 +96,11 @@ def listen(host: str, port: int | None) -> socket.socket:
 
 def _bound(host: str, port: int) -> socket.socket:
     family = socket.getaddrinfo(host, port, type=socket.SOCK_STREAM, flags=socket.AI_PASSIVE)[0][0]
-    return socket.create_server((host, port), family=family, backlog=512)
+    listener = socket.create_server((host, port), family=family, backlog=512)
+    # Connections inherit it. asyncio sets it only on sockets that name their protocol, which accepted ones do not, and
+    # an answer whose headers and body go out apart then waits for a delayed acknowledgement, 40 ms.
+    listener.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
+    return listener
 
 
 def moved(port: int | None, url: str) -> str | None:
@@ -120,6 +125,7 @@ class _Server(uvicorn.Server):
     def __init__(self, service: Service, url: str, announce: Callable[[str], None]) -> None:
         config = uvicorn.Config(
             create_app(service),
+            http=Protocol,
             log_config=None,
             log_level="warning",
             access_log=False,

@@ -24,7 +24,7 @@ from service.settings import Settings
 from service.store import Store
 
 _log = logging.getLogger(ROOT)
-_TICK_S = 0.1
+_TICK_S = 0.2
 _IDLE_S = 0.5
 _FIRST_PAUSE_S, _LONGEST_PAUSE_S = 1.0, 30.0
 
@@ -161,10 +161,10 @@ class Slot(threading.Thread):
         while not self._stopping.is_set():
             done = bool(wait([future], timeout=_TICK_S).done)
             now = progress.read(folder)
-            due = now != known and (done or time.monotonic() - told >= progress.INTERVAL_S)
-            cancelled = self._cancelled(job, now if due else None)
             if done:
-                return self._outcome(job, pool.answer(future))
+                return self._outcome(job, pool.answer(future), now)
+            due = now != known and time.monotonic() - told >= progress.INTERVAL_S
+            cancelled = self._cancelled(job, now if due else None)
             if not workman.alive:
                 raise pool.Lost("its worker process died")
             if cancelled:
@@ -188,13 +188,13 @@ class Slot(threading.Thread):
         try:
             if news is not None:
                 self._store.beat(job, news)
-            return self._store.glance(job.id).cancel_requested
+            return self._store.cancel_requested(job.id)
         except SQLAlchemyError as error:  # a full disk, a locked database: the job goes on, the next tick tries again
             _log.warning("job %s: %s", job.id, error)
             return False
 
-    def _outcome(self, job: Job, answer: dict[str, Any]) -> Outcome:
-        left = {"cpu_s": answer["cpu_s"], "max_rss_mb": answer["max_rss_mb"]}
+    def _outcome(self, job: Job, answer: dict[str, Any], last: dict[str, Any] | None) -> Outcome:
+        left = {"cpu_s": answer["cpu_s"], "max_rss_mb": answer["max_rss_mb"], "progress": last}
         files = self._files(job, answer["artefacts"])
         if answer["error"] is not None:
             kind, message = answer["error"]["kind"], answer["error"]["message"]

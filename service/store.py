@@ -10,7 +10,7 @@ from contextlib import AbstractContextManager, contextmanager
 from dataclasses import fields
 from typing import Any
 
-from sqlalchemy import Connection, Engine, Update, delete, exists, func, insert, select, update
+from sqlalchemy import Connection, Engine, bindparam, delete, exists, func, insert, select, update
 
 from service import access_tables, tables
 from service.campaign_tables import campaign_case
@@ -33,9 +33,38 @@ from service.jobs import (
     UploadGone,
 )
 from service.limits import Limits
-from service.reads import COLUMNS, LISTED, Reads, read, to_job
+from service.reads import BRIEF, COLUMNS, Reads, read, to_job
 
 _job = tables.job
+
+# Made once: making a statement costs more than running it.
+_NEW = insert(_job).returning(*COLUMNS)
+_EVENT = insert(tables.event)
+_ARTEFACT = insert(tables.artefact)
+_QUEUED = select(func.count()).select_from(_job).where(_job.c.state == QUEUED)
+_ALONE = _QUEUED.where(~exists().where(campaign_case.c.job_id == _job.c.id))
+_NEXT = (
+    select(_job.c.seq)
+    .where(_job.c.state == QUEUED)
+    .order_by(_job.c.priority.desc(), _job.c.seq)
+    .limit(1)
+    .with_for_update(skip_locked=True)
+    .scalar_subquery()
+)
+_CLAIM = (
+    update(_job)
+    .where(_job.c.seq == _NEXT, _job.c.state == QUEUED)
+    .values(state=RUNNING, attempt=_job.c.attempt + 1, progress=None, version=_job.c.version + 1)
+    .values(started_at=bindparam("now"), heartbeat_at=bindparam("now"))
+    .returning(*COLUMNS)
+)
+_OF_ATTEMPT = (
+    update(_job)
+    .where(_job.c.id == bindparam("of_id"), _job.c.attempt == bindparam("of_attempt"))
+    .where(_job.c.state == bindparam("of_state"))
+    .values(version=_job.c.version + 1)
+)
+_MOVE = _OF_ATTEMPT.returning(*COLUMNS)
 
 
 class Store(Reads):
@@ -104,28 +133,24 @@ class Store(Reads):
             if known is not None:
                 return known
             self._admit(connection, owner, uploads)
-            row = connection.execute(
-                insert(_job)
-                .values(
-                    id=secrets.token_hex(8),
-                    name=name,
-                    spec=spec,
-                    spec_hash=spec_hash,
-                    steps=steps,
-                    state=QUEUED,
-                    priority=priority,
-                    timeout_s=timeout_s,
-                    attempt=0,
-                    crashes=0,
-                    cancel_requested=False,
-                    pinned=False,
-                    created_at=self._now(),
-                    version=1,
-                    owner=owner,
-                )
-                .returning(*COLUMNS)
-            ).one()
-            job = to_job(row)
+            new = {
+                "id": secrets.token_hex(8),
+                "name": name,
+                "spec": spec,
+                "spec_hash": spec_hash,
+                "steps": steps,
+                "state": QUEUED,
+                "priority": priority,
+                "timeout_s": timeout_s,
+                "attempt": 0,
+                "crashes": 0,
+                "cancel_requested": False,
+                "pinned": False,
+                "created_at": self._now(),
+                "version": 1,
+                "owner": owner,
+            }
+            job = to_job(connection.execute(_NEW, new).one())
             for upload_id in uploads:
                 used = {"job_id": job.id, "upload_id": upload_id}
                 connection.execute(insert(access_tables.job_upload).values(used))
@@ -138,12 +163,12 @@ class Store(Reads):
 
     def _admit(self, connection: Connection, owner: str | None, uploads: Collection[str]) -> None:
         """Whether there is room in the queue, and every upload still there."""
-        alone = ~exists().where(campaign_case.c.job_id == _job.c.id)  # a campaign is one request, however large
-        waiting = select(func.count()).select_from(_job).where(_job.c.state == QUEUED, alone)
-        if (queued := connection.execute(waiting).scalar_one()) >= self._limits.queue:
-            raise QueueFull(f"{queued} jobs are queued, at most {self._limits.queue} are taken")
+        if connection.execute(_QUEUED).scalar_one() >= self._limits.queue:  # else there is no need to look closer
+            queued = connection.execute(_ALONE).scalar_one()  # a campaign is one request, however large
+            if queued >= self._limits.queue:
+                raise QueueFull(f"{queued} jobs are queued, at most {self._limits.queue} are taken")
         if owner is not None:
-            queued = connection.execute(waiting.where(_job.c.owner == owner)).scalar_one()
+            queued = connection.execute(_ALONE.where(_job.c.owner == owner)).scalar_one()
             if queued >= (most := self._limits.queue_per_key):
                 raise QueueFull(f"{queued} jobs of this key are queued, at most {most} of one key are taken")
         known = access_tables.upload.c.id
@@ -165,21 +190,8 @@ class Store(Reads):
 
     def claim(self) -> Job | None:
         """Take the next queued job, highest priority first, then oldest; None when there is none."""
-        best = (
-            select(_job.c.seq)
-            .where(_job.c.state == QUEUED)
-            .order_by(_job.c.priority.desc(), _job.c.seq)
-            .limit(1)
-            .with_for_update(skip_locked=True)
-            .scalar_subquery()
-        )
-        statement = update(_job).where(_job.c.seq == best, _job.c.state == QUEUED)
-        now = self._now()
-        values = {"state": RUNNING, "attempt": _job.c.attempt + 1, "started_at": now, "heartbeat_at": now}
         with self._write() as connection:
-            row = connection.execute(
-                statement.values(**values, progress=None, version=_job.c.version + 1).returning(*COLUMNS)
-            ).one_or_none()
+            row = connection.execute(_CLAIM, {"now": self._now()}).one_or_none()
             if row is None:
                 return None
             job = to_job(row)
@@ -189,9 +201,9 @@ class Store(Reads):
 
     def beat(self, job: Job, progress: dict[str, Any]) -> None:
         """Progress of a running attempt; nothing happens when the attempt is no longer the current one."""
-        values = {"progress": progress, "heartbeat_at": self._now(), "version": _job.c.version + 1}
+        values = {"progress": progress, "heartbeat_at": self._now()}
         with self._write() as connection:
-            changed = connection.execute(_of_attempt(job).values(**values)).rowcount
+            changed = connection.execute(_OF_ATTEMPT, {**_attempt(job), **values}).rowcount
         if changed:
             self.notify(job.id)
 
@@ -206,11 +218,14 @@ class Store(Reads):
             "max_rss_mb": outcome.max_rss_mb,
             "finished_at": self._now(),
         }
+        if outcome.progress is not None:
+            values["progress"] = outcome.progress
         with self._write() as connection:
             done = self._move(connection, job, outcome.state, values)
-            for artefact in outcome.artefacts:
-                row = {field.name: getattr(artefact, field.name) for field in fields(Artefact)}
-                connection.execute(insert(tables.artefact).values(**row, job_id=job.id))
+            names = [field.name for field in fields(Artefact)]
+            rows = [{"job_id": job.id, **{n: getattr(file, n) for n in names}} for file in outcome.artefacts]
+            if rows:
+                connection.execute(_ARTEFACT, rows)
             data = {"error_kind": outcome.error_kind, "error": outcome.error} if outcome.error_kind else None
             self._log(connection, done, outcome.state, data)
         self.notify(job.id)
@@ -235,7 +250,7 @@ class Store(Reads):
         """Another attempt of the running `job`, unless somebody cancelled it or it is hopeless."""
         with self._write() as connection:
             values: dict[str, Any] = {"crashes": crashes}
-            if read(connection, job.id, LISTED).cancel_requested:
+            if read(connection, job.id, BRIEF).cancel_requested:
                 moved = self._move(connection, job, CANCELLED, {**values, "finished_at": self._now()})
                 self._log(connection, moved, CANCELLED)
             elif hopeless:
@@ -259,7 +274,7 @@ class Store(Reads):
         )
         fresh |= {"crashes": 0, "cancel_requested": False, "started_at": None, "finished_at": None}
         with self._write() as connection:
-            job = read(connection, job_id, LISTED)
+            job = read(connection, job_id, BRIEF)
             if not job.terminal:
                 raise IllegalTransition(job_id, job.state, QUEUED)
             moved = self._move(connection, job, QUEUED, fresh)
@@ -291,8 +306,7 @@ class Store(Reads):
                 changed = self._move(connection, job, CANCELLED, {"finished_at": self._now()})
                 self._log(connection, changed, CANCELLED)
             elif job.state == RUNNING:
-                values = {"cancel_requested": True, "version": _job.c.version + 1}
-                connection.execute(_of_attempt(job).values(**values))
+                connection.execute(_OF_ATTEMPT, {**_attempt(job), "cancel_requested": True})
                 changed = read(connection, job_id)
                 self._log(connection, changed, "cancel_requested")
             else:
@@ -306,7 +320,7 @@ class Store(Reads):
         The row goes before the files: a kill in between leaves a folder without a job, which `retention` clears away.
         """
         with self._write() as connection:
-            job = read(connection, job_id, LISTED)
+            job = read(connection, job_id, BRIEF)
             if not job.terminal or job.pinned:
                 raise IllegalTransition(job_id, "pinned" if job.pinned else job.state, "deleted")
             connection.execute(delete(_job).where(_job.c.id == job_id))
@@ -314,18 +328,18 @@ class Store(Reads):
         self.notify(job_id)
 
     def _move(self, connection: Connection, job: Job, state: str, values: dict[str, Any]) -> Job:
-        """Change the state of `job` as it was read; the attempt is the fence against an owner of before."""
+        """Change the state of `job` as it was read."""
         if state in LEGAL[job.state]:
-            statement = _of_attempt(job).values(**values, state=state, version=_job.c.version + 1)
-            row = connection.execute(statement.returning(*COLUMNS)).one_or_none()
+            row = connection.execute(_MOVE, {**_attempt(job), **values, "state": state}).one_or_none()
             if row is not None:
                 return to_job(row)
         raise IllegalTransition(job.id, read(connection, job.id).state, state)
 
     def _log(self, connection: Connection, job: Job, kind: str, data: dict[str, Any] | None = None) -> None:
         row = {"job_id": job.id, "at": self._now(), "kind": kind, "attempt": job.attempt, "data": data}
-        connection.execute(insert(tables.event).values(row))
+        connection.execute(_EVENT, row)
 
 
-def _of_attempt(job: Job) -> Update:
-    return update(_job).where(_job.c.id == job.id, _job.c.attempt == job.attempt, _job.c.state == job.state)
+def _attempt(job: Job) -> dict[str, Any]:
+    """What `_OF_ATTEMPT` asks for: the job as it was read; the attempt is the fence against an owner of before."""
+    return {"of_id": job.id, "of_attempt": job.attempt, "of_state": job.state}

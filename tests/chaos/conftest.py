@@ -1,16 +1,23 @@
-"""How many random moments are tried, from which seed, and the table of what was measured."""
+"""How much is tried, from which seed, and the table of what was measured."""
 
 from __future__ import annotations
 
 import os
 import random
 import sys
+import textwrap
 from collections.abc import Iterator
 
 import pytest
 
 MOMENTS, SEED = "NEEDLEBENCH_CHAOS_MOMENTS", "NEEDLEBENCH_CHAOS_SEED"
-_SHORT = "3"
+REQUESTS = "NEEDLEBENCH_CHAOS_REQUESTS"
+CLIENTS, SECONDS, JOBS = "NEEDLEBENCH_CHAOS_CLIENTS", "NEEDLEBENCH_CHAOS_SECONDS", "NEEDLEBENCH_CHAOS_JOBS"
+_SHORT, _FEW, _SHORT_CAMPAIGN = "3", "400", "30"
+_ELSEWHERE = {
+    "tests/acceptance/test_disk.py": "disk full, read-only, locked; the clock",
+    "tests/service/test_hostile.py": "hostile input",
+}
 _table: list[tuple[str, str]] = []
 
 
@@ -24,16 +31,54 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
 
 
 def pytest_terminal_summary(terminalreporter: pytest.TerminalReporter) -> None:
-    if _table:
+    rows = [*_table, *_elsewhere(terminalreporter)]
+    if rows:
         terminalreporter.section("chaos")
-        for name, figures in _table:
-            terminalreporter.line(f"{name:<28}{figures}")
+        for name, found in rows:
+            lines = textwrap.wrap(found, 100, break_long_words=False)
+            for head, line in zip((name, *[""] * len(lines)), lines, strict=False):
+                terminalreporter.line(f"{head:<42}{line}")
+
+
+def _elsewhere(reporter: pytest.TerminalReporter) -> Iterator[tuple[str, str]]:
+    """A row for each file of tests that belong to the table and need no figures."""
+    for path, name in _ELSEWHERE.items():
+        ended = {kind: reporter.stats.get(kind, []) for kind in ("passed", "failed", "error")}
+        counts = {kind: sum(one.nodeid.startswith(path) for one in reports) for kind, reports in ended.items()}
+        if any(counts.values()):
+            yield name, ", ".join(f"{kind} {count}" for kind, count in counts.items() if count)
 
 
 @pytest.fixture
 def moments() -> int:
     """How often something is killed."""
     return int(os.environ.get(MOMENTS, _SHORT))
+
+
+@pytest.fixture
+def requests() -> int:
+    """How many requests are generated."""
+    return int(os.environ.get(REQUESTS, _FEW))
+
+
+@pytest.fixture
+def clients() -> int:
+    """How many clients ask at the same time; without a number the test is left out."""
+    if CLIENTS not in os.environ:
+        pytest.skip("a measurement of minutes: make chaos")
+    return int(os.environ[CLIENTS])
+
+
+@pytest.fixture
+def seconds() -> float:
+    """How long they ask."""
+    return float(os.environ.get(SECONDS, "60"))
+
+
+@pytest.fixture
+def campaign_jobs() -> int:
+    """How many jobs a campaign has."""
+    return int(os.environ.get(JOBS, _SHORT_CAMPAIGN))
 
 
 @pytest.fixture

@@ -1,5 +1,6 @@
 from __future__ import annotations
 
+import time
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -8,6 +9,7 @@ import pytest
 from starlette.testclient import TestClient
 
 from service.core import Service
+from service.jobs import Job
 from service.limits import Limits
 from simcore.presets import preset
 from tests.service.http import finish, idle_service
@@ -129,6 +131,25 @@ def test_an_unchanged_job_is_304(both: tuple[TestClient, Service]) -> None:
 def test_a_long_poll_ends_after_its_time(http: TestClient) -> None:
     job = submit(http)
     assert http.get(f"{JOBS}/{job['id']}", params={"wait": 0.2}).json()["state"] == "queued"
+
+
+def test_a_long_poll_misses_no_change(both: tuple[TestClient, Service], monkeypatch: pytest.MonkeyPatch) -> None:
+    http, service = both
+    job_id = http.post(JOBS, json={"scenario": "line"}).json()["id"]
+    glance = service.store.glance
+
+    def then_cancelled(asked: str) -> Job:
+        """The job as it is, and a change before the one who asks can act on it."""
+        found = glance(asked)
+        if not found.terminal:
+            service.store.cancel(asked)
+            time.sleep(0.2)
+        return found
+
+    monkeypatch.setattr(service.store, "glance", then_cancelled)
+    started = time.monotonic()
+    assert http.get(f"{JOBS}/{job_id}?wait=30").json()["state"] == "cancelled"
+    assert time.monotonic() - started < 4
 
 
 def test_a_job_is_cancelled_once_and_more(http: TestClient) -> None:

@@ -212,3 +212,4 @@ def test_what_is_no_http_is_refused_and_closed(server: Server, raw: bytes) -> No
         except ConnectionResetError:
             answer = b""
     assert answer == b"" or answer.split(b" ")[1][:1] == b"4"
+    assert answer == b"" or b"content-type: application/problem+json" in answer

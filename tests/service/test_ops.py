@@ -61,6 +61,15 @@ def test_metrics_count_jobs_answers_and_room(both: tuple[TestClient, Service]) -
     assert found["process_open_fds"][()] > 0
 
 
+def test_made_up_methods_are_counted_as_one(both: tuple[TestClient, Service]) -> None:
+    http, _ = both
+    for number in range(5):
+        assert http.request(f"BREW{number}", JOBS).status_code == 405
+    counted = figures(http)["needlebench_http_answer_seconds_count"]
+    assert {labels[0] for labels in counted} <= {"other", "GET"}
+    assert sum(count for labels, count in counted.items() if labels[0] == "other") == 5
+
+
 def test_two_services_do_not_share_their_figures(tmp_path: Path) -> None:
     with idle_service(tmp_path / "a") as (one, _), idle_service(tmp_path / "b") as (other, _):
         one.post(JOBS, json={"scenario": "line"})

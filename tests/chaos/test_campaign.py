@@ -1,0 +1,115 @@
+"""A campaign of many short jobs: none lost, none done twice, and how near to the bare engine it comes."""
+
+from __future__ import annotations
+
+import threading
+import time
+from collections import Counter
+from concurrent.futures import wait
+from datetime import datetime
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from needlebench import Client
+from service import pool
+from service.settings import RUNNER
+from tests.acceptance.server import running_server, until
+from tests.chaos.flat import cpu_s
+from tests.chaos.instant import SPIN, only_the_job
+
+_WORKERS = 2
+_INSTANT = "tests.chaos.instant:run_job"
+_TINY: dict[str, Any] = {  # as short as an insertion can well be
+    "name": "tiny",
+    "tissue": {"element_size_mm": 20},
+    "trajectory": {"kind": "line", "target_mm": [18, 31, 5]},
+    "recording": {"enabled": False},
+}
+_PAGE = 1000  # events in an answer
+
+
+@pytest.mark.parametrize(
+    ("kind", "runner", "scenario"),
+    [("insertion", RUNNER, _TINY), ("50 ms of CPU", _INSTANT, {"name": f"{SPIN}50"})],
+    ids=["insertions", "50ms"],
+)
+def test_a_campaign_of_short_jobs(
+    tmp_path: Path, campaign_jobs: int, figures: dict[str, object], kind: str, runner: str, scenario: dict[str, Any]
+) -> None:
+    half = [{**scenario, "seed": seed} for seed in range(campaign_jobs // 2)]
+    before = _bare(tmp_path / "before", runner, half)
+    with running_server(tmp_path / "data", runner=runner, workers=_WORKERS) as server:
+        until(lambda: server.client.ready()["workers_ready"] == _WORKERS, patience_s=600)
+        used_s, asked = cpu_s(server.process.pid), time.monotonic()
+        campaign = server.client.start_campaign({"scenario": scenario, "grid": {"seed": list(range(campaign_jobs))}})
+        answered_s = time.monotonic() - asked
+        done = server.client.wait_campaign(campaign.id)
+        used_s = cpu_s(server.process.pid) - used_s
+        assert done.jobs["succeeded"] == sum(done.jobs.values()) == campaign_jobs
+        _each_once(server.client, campaign_jobs)
+        through = _pace(list(server.client.jobs()))
+    after = _bare(tmp_path / "after", runner, half)
+    bare = 2 / (1 / before + 1 / after)
+    figures.update(kind=kind, jobs=campaign_jobs, lost=0, done_twice=0, through_the_service=f"{through:.2f}/s")
+    figures.update(bare_engine=f"{bare:.2f}/s (before {before:.2f}, after {after:.2f})")
+    figures.update(ratio=f"{through / bare:.3f}", server_ms_per_job=round(1e3 * used_s / campaign_jobs, 2))
+    figures.update(accepted_after_s=round(answered_s, 2))
+
+
+def _each_once(client: Client, jobs: int) -> None:
+    """By the log of events: each was queued, started and ended one time."""
+    seen: Counter[tuple[str, str]] = Counter()
+    after = 0
+    while found := client._json("GET", "/api/v1/events", params={"after": after})["items"]:
+        seen.update((event["job"], event["kind"]) for event in found)
+        after = found[-1]["id"]
+        if len(found) < _PAGE:
+            break
+    assert set(seen.values()) == {1}
+    assert Counter(kind for _, kind in seen) == {"queued": jobs, "started": jobs, "succeeded": jobs}
+
+
+def _pace(jobs: list[Any]) -> float:
+    """Jobs a second, from the first start to the last end."""
+    times = [[datetime.fromisoformat(job.raw[name]) for job in jobs] for name in ("started_at", "finished_at")]
+    return len(jobs) / (max(times[1]) - min(times[0])).total_seconds()
+
+
+def _bare(folder: Path, runner: str, scenarios: list[dict[str, Any]]) -> float:
+    """Jobs a second by the same workers, with no service around them: as soon as one is done, the next."""
+    from simcore.scenario import Scenario
+
+    specs = [{"scenario": Scenario.load(s).resolved(), "job_id": "bare", "uploads": str(folder)} for s in scenarios]
+    work, taking = iter(enumerate(specs)), threading.Lock()
+    workers = [pool.Worker() for _ in range(_WORKERS)]
+
+    def finished(workman: pool.Worker, function: Any, *args: Any) -> None:
+        future = workman.call(function, *args)
+        wait([future])
+        pool.answer(future)
+
+    def see_through(workman: pool.Worker) -> None:
+        while True:
+            with taking:
+                number, spec = next(work, (0, None))
+            if spec is None:
+                return
+            finished(workman, only_the_job, runner, spec, str(folder / str(number)))
+
+    folder.mkdir(parents=True)
+    try:
+        for number, workman in enumerate(workers):
+            finished(workman, pool.warm, runner, str(folder / "lock"))
+            finished(workman, only_the_job, runner, specs[0], str(folder / f"first {number}"))
+        started = time.monotonic()
+        threads = [threading.Thread(target=see_through, args=(workman,)) for workman in workers]
+        for thread in threads:
+            thread.start()
+        for thread in threads:
+            thread.join()
+        return len(scenarios) / (time.monotonic() - started)
+    finally:
+        for workman in workers:
+            workman.stop()
