@@ -18,6 +18,7 @@ from service.jobs import (
     CANCELLED,
     CRASHED,
     FAILED,
+    INSERTION,
     LEGAL,
     MAXIMUM_ATTEMPTS,
     MAXIMUM_CRASHES,
@@ -26,6 +27,7 @@ from service.jobs import (
     RUNNING,
     Artefact,
     IllegalTransition,
+    InputGone,
     Job,
     KeyReused,
     Outcome,
@@ -34,6 +36,9 @@ from service.jobs import (
 )
 from service.limits import Limits
 from service.reads import COLUMNS, LISTED, Reads, read, to_job
+from service.references import references
+from service.upload_names import SCHEME
+from simcore.errors import Problem
 
 _job = tables.job
 
@@ -93,6 +98,7 @@ class Store(Reads):
         request_hash: str = "",
         owner: str | None = None,
         uploads: Collection[str] = (),
+        kind: str = INSERTION,
     ) -> Job:
         """A new queued job; the job of before when the idempotency key was seen.
 
@@ -122,6 +128,7 @@ class Store(Reads):
                     created_at=self._now(),
                     version=1,
                     owner=owner,
+                    kind=kind,
                 )
                 .returning(*COLUMNS)
             ).one()
@@ -252,16 +259,17 @@ class Store(Reads):
     def retry(self, job_id: str) -> Job:
         """Queue a job again that failed, was cancelled or ran out of time. Raises IllegalTransition.
 
-        The attempts go on counting; what the last one left is no longer listed.
+        The attempts go on counting; what the last one left is no longer listed. Raises InputGone, too.
         """
         fresh: dict[str, Any] = dict.fromkeys(
             ("progress", "metrics", "result", "error_kind", "error", "cpu_s", "max_rss_mb", "heartbeat_at")
         )
         fresh |= {"crashes": 0, "cancel_requested": False, "started_at": None, "finished_at": None}
         with self._write() as connection:
-            job = read(connection, job_id, LISTED)
+            job = read(connection, job_id)
             if not job.terminal:
                 raise IllegalTransition(job_id, job.state, QUEUED)
+            _make_sure_of_inputs(connection, job)
             moved = self._move(connection, job, QUEUED, fresh)
             connection.execute(delete(tables.artefact).where(tables.artefact.c.job_id == job_id))
             self._log(connection, moved, QUEUED, {"retry_of": job.state, "error": job.error})
@@ -325,6 +333,20 @@ class Store(Reads):
     def _log(self, connection: Connection, job: Job, kind: str, data: dict[str, Any] | None = None) -> None:
         row = {"job_id": job.id, "at": self._now(), "kind": kind, "attempt": job.attempt, "data": data}
         connection.execute(insert(tables.event).values(row))
+
+
+def _make_sure_of_inputs(connection: Connection, job: Job) -> None:
+    """Raises InputGone when an upload that the job names is not there any more."""
+    known = access_tables.upload.c.id
+    message = "the upload was deleted: send it again with `needlebench upload`"
+    problems = [
+        Problem(field, f"{SCHEME}{upload_id}", message)
+        for part in (job.spec or {}).values()
+        for field, upload_id in references(part)
+        if connection.execute(select(known).where(known == upload_id)).one_or_none() is None
+    ]
+    if problems:
+        raise InputGone(job.id, problems)
 
 
 def _of_attempt(job: Job) -> Update:
