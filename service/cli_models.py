@@ -100,11 +100,12 @@ def train(ctx: click.Context, /, source: str, kind: str, wait: bool, url: str | 
     \b
     Exit code with --wait: 0 trained; 1 failed, cancelled or timed out; 2 bad input
     """
+    from service.cli_learn import layers_of
     from service.follow import follow
 
     settings = {name: value for name, value in asked_for.items() if value is not None}
     if "hidden" in settings:
-        settings["hidden"] = _layers(settings["hidden"])
+        settings["hidden"] = layers_of(settings["hidden"])
     with client_of(url) as client:
         data = _data(client, source)
         job = asked(lambda: client.train_model(data, kind=kind, **settings))
@@ -131,10 +132,3 @@ def _data(client: Client, source: str) -> str:
     if not path.is_file():
         raise ScenarioError([Problem("DATA", source, "is neither a file nor artefact:ID")])
     return asked(lambda: client.upload(path, kind="dataset")).reference
-
-
-def _layers(text: str) -> list[int]:
-    try:
-        return [int(n) for n in text.split(",")]
-    except ValueError:
-        raise ScenarioError([Problem("--hidden", text, "must be whole numbers with commas, as in 32,32")]) from None

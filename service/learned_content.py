@@ -6,13 +6,15 @@ Both are read by the readers of `simcore`, which load no pickle and check every 
 from __future__ import annotations
 
 import json
-import math
 from pathlib import Path
 from typing import Any
 
 from simcore.errors import NeedlebenchError
 
-MAXIMUM_ORIGIN_BYTES = 200_000  # of a provenance as JSON; the paper's data set, with 105 insertions, has 15 kB
+DATASET_ORIGIN_BYTES = 200_000  # of a provenance as JSON; the paper's data set, with 105 insertions, has 15 kB
+MODEL_ORIGIN_BYTES = 50_000  # of which all but 5 kB is the scenario of its data set
+LARGEST = 1e9  # of an error in a provenance, mm
+LARGEST_SEED = 2**32
 
 
 class NotLearned(NeedlebenchError, ValueError):
@@ -34,13 +36,27 @@ def model_content(path: Path) -> dict[str, Any]:
     except ModelFault as wrong:
         raise NotLearned(f"it {wrong}") from None
     regressor = model.regressor
+    _make_sure_of_settings(kind, regressor.settings())
     return {
         "kind": kind,
         "inputs": regressor.inputs,
         "outputs": regressor.outputs,
         "settings": regressor.settings(),
-        "provenance": _short(model.provenance),
+        "provenance": _short(model.provenance, MODEL_ORIGIN_BYTES),
     }
+
+
+def _make_sure_of_settings(kind: str, settings: dict[str, Any]) -> None:
+    """Settings of the types of a regressor's own: its constructor asks for their range only. Raises NotLearned."""
+    from simcore.learning.trained import REGRESSORS
+
+    for name, usual in REGRESSORS[kind]().settings().items():
+        value = settings[name]
+        whole = isinstance(value, int) and not isinstance(value, bool)
+        if not (whole if isinstance(usual, int) else whole or isinstance(value, type(usual))):
+            raise NotLearned(f"its setting {name} is {str(value)[:100]!r}, where {usual!r} would be one")
+    if not 0 <= settings.get("seed", 0) <= LARGEST_SEED:
+        raise NotLearned(f"its seed is {str(settings['seed'])[:100]}, it must be 0 to {LARGEST_SEED}")
 
 
 def _kind(data: bytes) -> str:
@@ -63,7 +79,7 @@ def dataset_content(path: Path) -> dict[str, Any]:
 
     try:
         data = load_dataset(path)
-        origin = _short(data.provenance)
+        origin = _short(data.provenance, DATASET_ORIGIN_BYTES)
         _make_sure_of_origin(origin)
         rows, insertions = len(data.trajectory), len(data.end_point_m)
         if data.trajectory.shape != (rows,) or data.trajectory.dtype.kind != "i":
@@ -100,9 +116,10 @@ def _make_sure_of_origin(origin: dict[str, Any]) -> None:
     missing = [name for name in needed if name not in template]
     if missing or not isinstance(template["trajectory"], dict):
         raise NotLearned(f"its provenance.scenario_template lacks {', '.join(missing) or 'a trajectory'}")
+    _short({name: template[name] for name in needed}, MODEL_ORIGIN_BYTES - 5000)
 
 
-def _short(origin: Any) -> dict[str, Any]:
+def _short(origin: Any, most_bytes: int) -> dict[str, Any]:
     """The provenance, if it is JSON data without NaN and not too long. Raises NotLearned."""
     if not isinstance(origin, dict):
         raise NotLearned("its provenance must be a JSON object")
@@ -110,8 +127,8 @@ def _short(origin: Any) -> dict[str, Any]:
         length = len(json.dumps(origin, allow_nan=False))
     except (ValueError, RecursionError):
         raise NotLearned("its provenance holds numbers that are not finite") from None
-    if length > MAXIMUM_ORIGIN_BYTES:
-        raise NotLearned(f"its provenance holds {length / 1e3:.0f} kB, at most {MAXIMUM_ORIGIN_BYTES / 1e3:.0f}")
+    if length > most_bytes:
+        raise NotLearned(f"its provenance holds {length / 1e3:.0f} kB, at most {most_bytes / 1e3:.0f} are allowed")
     return origin
 
 
@@ -119,6 +136,6 @@ def finite_axes(values: Any) -> list[float] | None:
     """Three errors (x, y, z) out of a provenance that somebody may have written by hand; None for anything else."""
     if not isinstance(values, list) or len(values) != 3:
         return None
-    if not all(isinstance(v, int | float) and not isinstance(v, bool) and math.isfinite(v) for v in values):
+    if not all(isinstance(v, int | float) and not isinstance(v, bool) and abs(v) < LARGEST for v in values):
         return None
     return [float(v) for v in values]

@@ -12,6 +12,8 @@ from service.models import Model, Source
 from service.schemas import JobSummary, moment
 from service.training import ModelKind
 
+LARGEST = 2**53  # of a whole number that every reader of JSON takes as it is
+
 
 class ModelView(BaseModel):
     """A model in a list. What it says about its training is null where its file does not say so."""
@@ -45,8 +47,8 @@ class ModelView(BaseModel):
         same = ("id", "reference", "source", "kind", "name", "sha256", "bytes", "pinned")
         return {
             **{name: getattr(model, name) for name in same},
-            "nodes": model.settings.get("nodes"),
-            "seed": model.settings.get("seed"),
+            "nodes": _as(int, model.settings.get("nodes")),
+            "seed": _as(int, model.settings.get("seed")),
             "split": _as(str, origin.get("split")),
             "train_rows": _as(int, origin.get("train_rows")),
             "test_rows": _as(int, origin.get("test_rows")),
@@ -93,4 +95,6 @@ class ControllerList(BaseModel):
 
 def _as(kind: type, value: Any) -> Any:
     """The value if it is of this type: a provenance may have been written by hand."""
-    return value if isinstance(value, kind) and not isinstance(value, bool) else None
+    if not isinstance(value, kind) or isinstance(value, bool):
+        return None
+    return None if isinstance(value, int) and abs(value) > LARGEST else value

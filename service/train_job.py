@@ -18,6 +18,12 @@ if TYPE_CHECKING:
 RUNNER = "service.train_job:train_job"
 MODEL = "model.json"
 STAGES = ("read the data set", "fit the model", "write the model")
+SETTINGS: dict[str, tuple[str, ...]] = {  # of each kind, as its regressor calls them
+    "elm": ("nodes", "ridge", "weight_range", "seed"),
+    "linear": ("ridge",),
+    "neighbours": ("neighbours",),
+    "mlp": ("hidden", "seed"),
+}
 _log = logging.getLogger(ROOT)
 
 

@@ -9,7 +9,7 @@ from typing import Annotated, Any, Literal
 from pydantic import BaseModel, ConfigDict, Field
 
 from service.limits import Limits
-from service.train_job import untrained
+from service.train_job import SETTINGS, untrained
 from service.upload_names import SCHEME, UPLOAD_ID
 from service.uploads import Upload
 from simcore.errors import Problem, ScenarioError
@@ -17,12 +17,6 @@ from simcore.learning.regressor import DataError
 from simcore.learning.trained import INPUTS, MAXIMUM_MB, OUTPUTS
 
 ModelKind = Literal["elm", "linear", "neighbours", "mlp"]
-SETTINGS: dict[str, tuple[str, ...]] = {
-    "elm": ("nodes", "ridge", "weight_range", "seed"),
-    "linear": ("ridge",),
-    "neighbours": ("neighbours",),
-    "mlp": ("hidden", "seed"),
-}
 BASE_MB = 400.0  # Python with the libraries of a training
 COPIES = 4  # of the table that a ridge solution is found from
 BYTES_OF_A_NUMBER = 26  # in a model's file
@@ -66,7 +60,7 @@ class TrainRequest(BaseModel):
         Field(description="How 10 % are held out: single rows [paper], or whole insertions."),
     ] = "sample"
     samples: Annotated[
-        int | None, Field(strict=True, ge=2, le=10**9, description="Learn from so many rows only; null = all.")
+        int | None, Field(strict=True, ge=2, le=10**9, description="Learn from so many rows only; by default from all.")
     ] = None
     priority: Annotated[int, Field(strict=True, ge=-100, le=100, description="Higher runs first.")] = 0
     timeout_s: Annotated[

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from collections.abc import Iterator
 from typing import Annotated, Any
 
 from fastapi import APIRouter, Query, Request, Response
@@ -23,6 +24,7 @@ from simcore.presets import preset, preset_names
 router = APIRouter(include_in_schema=False)
 
 ROWS = 50
+AXES = ("x", "y", "z")
 _PLOTTED = 50_000  # steps above which the series is not drawn unasked
 
 
@@ -98,6 +100,15 @@ def _start(service: Service, start: str | None) -> dict[str, Any] | None:
     return scenario
 
 
+def _measures(part: dict[str, Any]) -> Iterator[tuple[str, Any]]:
+    """Values of a result by name, errors along x, y, z one by one; the model of a training has a page of its own."""
+    for name, value in flat(part):
+        if isinstance(value, list):
+            yield from ((f"{name} {axis}", one) for axis, one in zip(AXES, value, strict=False))
+        elif name != "model":
+            yield name, value
+
+
 def _steered(service: Service, model_id: str) -> dict[str, Any] | None:
     """A scenario that steers by a model."""
     try:
@@ -130,7 +141,7 @@ def get_job(job_id: JobId, request: Request, service: ServiceOf) -> Response:
         cancelling=job.cancel_requested and job.state not in TERMINAL,
         cpu_s=job.cpu_s,
         memory_mb=job.max_rss_mb,
-        measures=[(name, value) for part in ("metrics", "solver") for name, value in flat(result.get(part) or {})],
+        measures=[(name, value) for part in ("metrics", "solver") for name, value in _measures(result.get(part) or {})],
         parts={name: part for name, part in timing.items() if isinstance(part, dict)},
         spans={name: value for name, value in timing.items() if not isinstance(value, dict)},
         origin=list(flat(origin)),

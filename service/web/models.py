@@ -14,13 +14,14 @@ from service.jobs import UnknownJob
 from service.model_schemas import ModelView
 from service.models import UnknownModel
 from service.schemas import JobSummary
-from service.training import SETTINGS, TrainRequest
+from service.train_job import SETTINGS
+from service.training import TrainRequest
+from service.web.jobs import AXES
 from service.web.site import missing, page
 
 router = APIRouter(include_in_schema=False)
 
 ROWS = 200
-AXES = ("x", "y", "z")
 WIDTH, BAR, GAP, LEFT, RIGHT = 420, 14, 16, 24, 74  # of the drawing of errors, pixels
 
 

@@ -61,6 +61,10 @@ def test_a_model_is_trained_listed_steered_by_and_verified(tmp_path: Path, data:
         assert job.state == "succeeded", job.error
         assert server.client.verify(job.id).verdict == "identical"
         assert [one["id"] for one in server.client.model(model.id).raw["used_by"]] == [job.id]
+        assert needlebench("uploads", "--pin", model.reference, "--url", server.url).exit_code == 0
+        kept = needlebench("uploads", "--delete", model.reference, "--url", server.url)
+        assert (kept.exit_code, "is pinned" in kept.output) == (1, True)
+        assert needlebench("uploads", "--unpin", model.id, "--url", server.url).exit_code == 0
         server.client.delete_upload(model.id)
         gone = needlebench("verify", job.id, "--url", server.url)
         assert (gone.exit_code, "which the service no longer has" in gone.output) == (2, True)

@@ -18,8 +18,8 @@ from service.cli import main
 from service.core import Service
 from service.jobs import Outcome
 from service.limits import Limits
-from service.train_job import STAGES, train_job
-from service.training import SETTINGS, ModelKind
+from service.train_job import SETTINGS, STAGES, train_job
+from service.training import ModelKind
 from service.upload_names import SCHEME
 from simcore.learning.trained import PACKAGED, REGRESSORS, parse_model
 from tests.service.http import finish, finish_training, idle_service
@@ -102,13 +102,18 @@ def test_a_model_that_says_strange_things_of_itself_is_listed_without_them(both:
     http, _ = both
     told = json.loads(model_bytes("linear"))
     told["provenance"] = {"test_rmse_mm": ["<b>", None, 1], "train_rows": True, "trained_on": [1], "split": {"a": 1}}
+    told["provenance"] |= {"test_rows": 10**400, "train_rmse_mm": [10**400, 0, 0], "data_sha256": 5}
     model = sent(http, json.dumps(told).encode(), "odd.json", "model")
     found = http.get(f"{MODELS}/{model['id']}").json()
-    for name in ("test_rmse_mm", "train_rmse_mm", "train_rows", "tissue", "needle", "split"):
+    names = ("test_rmse_mm", "train_rmse_mm", "train_rows", "test_rows", "tissue", "needle", "split", "data_sha256")
+    for name in names:
         assert found[name] is None, name
-    page = http.get(f"/models/{model['id']}")
-    assert page.status_code == 200
-    assert "<b>" not in page.text
+    told["provenance"]["trained_on"] = {"tissue": {"young_kpa": 10**400, "size_mm": 5}, "needle": {"length_mm": "<b>"}}
+    other = sent(http, json.dumps(told).encode(), "odder.json", "model")
+    for address in (f"/models/{model['id']}", f"/models/{other['id']}", "/models"):
+        page = http.get(address)
+        assert page.status_code == 200
+        assert "<b>" not in page.text
 
 
 def test_every_kind_of_controller_is_told_with_its_schema(both: Both) -> None:
