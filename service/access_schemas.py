@@ -18,20 +18,23 @@ class UploadView(BaseModel):
 
     id: str
     reference: str
-    kind: Literal["mesh", "model"]
+    kind: Literal["mesh", "model", "dataset"]
     name: str = Field(description="What its sender calls it.")
     bytes: int
     sha256: str
-    content: dict[str, Any] = Field(description="What was found in it: nodes, tetrahedra, arrays, members.")
+    content: dict[str, Any] = Field(description="What was found in it: nodes, rows, settings, provenance.")
+    pinned: bool = Field(description="Kept whatever is cleared away.")
+    job: str | None = Field(description="Id of the job that made it; null for what was sent in.")
     created_at: datetime
     url: str = Field(description="Where its content is.")
 
     @classmethod
     def of(cls, upload: Upload) -> Self:
-        names = ("id", "kind", "name", "bytes", "sha256", "content")
+        names = ("id", "kind", "name", "bytes", "sha256", "content", "pinned")
         return cls(
             **{name: getattr(upload, name) for name in names},
             reference=f"{SCHEME}{upload.id}",
+            job=upload.job_id,
             created_at=datetime.fromtimestamp(upload.created_at, UTC),
             url=f"/api/v1/uploads/{upload.id}/content",
         )

@@ -2,7 +2,19 @@
 
 from __future__ import annotations
 
-from sqlalchemy import JSON, BigInteger, CheckConstraint, Column, Float, ForeignKey, Index, String, Table
+from sqlalchemy import (
+    JSON,
+    BigInteger,
+    Boolean,
+    CheckConstraint,
+    Column,
+    Float,
+    ForeignKey,
+    Index,
+    String,
+    Table,
+    false,
+)
 
 from service.tables import metadata
 
@@ -40,6 +52,8 @@ upload = Table(
     Column("content", JSON, nullable=False),  # what was found in it
     Column("owner", String(32)),
     Column("created_at", Float, nullable=False),
+    Column("job_id", String(32)),  # that made it; no foreign key: it stays when the job is deleted
+    Column("pinned", Boolean(create_constraint=False), nullable=False, server_default=false()),  # never cleared away
 )
 
 job_upload = Table(

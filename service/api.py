@@ -24,7 +24,7 @@ router = APIRouter(prefix="/api/v1/jobs", tags=["jobs"])
 
 LONGEST_WAIT_S = 60.0
 _LOOK_S = 5.0  # how often a long poll looks whether somebody still waits for it
-_LOCATION = {"Location": {"description": "Where the job is.", "schema": {"type": "string"}}}
+LOCATION = {"Location": {"description": "Where the job is.", "schema": {"type": "string"}}}
 
 
 @router.post(
@@ -33,7 +33,7 @@ _LOCATION = {"Location": {"description": "Where the job is.", "schema": {"type":
     summary="Submit a job",
     status_code=status.HTTP_202_ACCEPTED,
     response_model=JobView,
-    responses={202: {"description": "Queued.", "headers": _LOCATION}, **documented(400, 413, 415, 503)},
+    responses={202: {"description": "Queued.", "headers": LOCATION}, **documented(400, 413, 415, 503)},
 )
 def submit_job(
     body: JobRequest,
@@ -56,7 +56,7 @@ def submit_job(
         steps=scenario.steps,
         priority=body.priority,
         timeout_s=body.timeout_s,
-        key=_own(idempotency_key, owner),
+        key=own_key(idempotency_key, owner),
         request_hash=_hash([resolved, body.priority, body.timeout_s]),
         owner=owner,
         uploads=sorted(uploads),
@@ -78,7 +78,7 @@ def _scenario(value: Any, service: Service) -> tuple[Scenario, set[str]]:
     return scenario, lookup.used
 
 
-def _own(idempotency_key: str | None, owner: str | None) -> str | None:
+def own_key(idempotency_key: str | None, owner: str | None) -> str | None:
     """Two API keys may use the same idempotency key for jobs of their own."""
     if idempotency_key is None or owner is None:
         return idempotency_key

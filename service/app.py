@@ -12,6 +12,7 @@ from fastapi import FastAPI
 from service import (
     api,
     api_campaigns,
+    api_models,
     api_schedules,
     events,
     key_routes,
@@ -27,11 +28,12 @@ from service.core import Service
 from service.guard import BodyLimit, HostGuard
 from service.key_guard import KeyGuard
 from service.keys import UnknownKey
+from service.models import UnknownModel
 from service.readiness import readings
 from service.request_log import RequestLog
 from service.uploads import UnknownUpload, UploadInUse, UploadsFull
 from service.version import installed_version
-from service.web import assets, campaigns, jobs, schedules, viewer
+from service.web import assets, campaigns, jobs, models, schedules, viewer
 
 DESCRIPTION = """Robotic needle insertions in deforming tissue, as jobs: submit a scenario, follow it, fetch its
 metrics, series and recording. Every error is `application/problem+json` (RFC 9457)."""
@@ -66,6 +68,7 @@ def create_app(service: Service) -> FastAPI:
     app.openapi = openapi.document_of(app)  # type: ignore[method-assign]
     problems.install(app)
     app.add_exception_handler(UnknownUpload, problems.on_unknown)
+    app.add_exception_handler(UnknownModel, problems.on_unknown)
     app.add_exception_handler(UnknownKey, problems.on_unknown)
     app.add_exception_handler(UploadInUse, problems.on_conflict)
     app.add_exception_handler(UploadsFull, problems.on_no_room)
@@ -75,6 +78,7 @@ def create_app(service: Service) -> FastAPI:
         results,
         api_campaigns,
         api_schedules,
+        api_models,
         upload_routes,
         key_routes,
         system,
@@ -82,7 +86,7 @@ def create_app(service: Service) -> FastAPI:
         login,
     ):
         app.include_router(part.router)
-    for page in (jobs, campaigns, schedules, viewer, assets):
+    for page in (jobs, campaigns, schedules, models, viewer, assets):
         app.include_router(page.router)
     _guard(app, service)
     app.add_middleware(cast(Any, RequestLog), monitor=service.monitor)

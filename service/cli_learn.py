@@ -202,20 +202,19 @@ def train(source: Path, path: Path, kind: str, split: str, samples: int | None, 
 def _regressor(
     kind: str, *, nodes: int, ridge: float, weights: float, neighbours: int, hidden: str, seed: int
 ) -> Regressor:
-    from service.mlp_training import train_network
-    from simcore import learning
+    from service.train_job import SETTINGS, untrained
 
-    if kind == "elm":
-        return learning.ExtremeLearningMachine(nodes=nodes, ridge=ridge, weight_range=weights, seed=seed)
-    if kind == "linear":
-        return learning.LinearModel(ridge=ridge)
-    if kind == "neighbours":
-        return learning.NearestNeighbours(neighbours=neighbours)
+    given: dict[str, Any] = {"nodes": nodes, "ridge": ridge, "weight_range": weights, "neighbours": neighbours}
+    given |= {"hidden": layers_of(hidden), "seed": seed}
+    return untrained(kind, {name: given[name] for name in SETTINGS[kind]})
+
+
+def layers_of(text: str) -> list[int]:
+    """'32,32' -> [32, 32]. Raises ScenarioError."""
     try:
-        layers = [int(n) for n in hidden.split(",")]
+        return [int(n) for n in text.split(",")]
     except ValueError:
-        raise ScenarioError([Problem("--hidden", hidden, "must be whole numbers with commas, as in 32,32")]) from None
-    return learning.MultilayerPerceptron(hidden=layers, seed=seed, trainer=train_network)
+        raise ScenarioError([Problem("--hidden", text, "must be whole numbers with commas, as in 32,32")]) from None
 
 
 @click.command()

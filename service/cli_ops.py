@@ -21,7 +21,7 @@ _data = click.option(
 
 
 @click.command()
-@click.option("--older-than", metavar="AGE", help="Jobs that ended longer ago, as in 30d or 12h.")
+@click.option("--older-than", metavar="AGE", help="Jobs that ended longer ago, and unused uploads; 30d, 12h.")
 @click.option("--keep-last", type=click.IntRange(0), metavar="N", help="Never the newest N; alone: all but these.")
 @click.option("--max-gb", type=click.FloatRange(0), metavar="G", help="Then the oldest, until the rest holds no more.")
 @click.option("--dry-run", is_flag=True, help="Only tell what would go.")
@@ -37,10 +37,11 @@ def gc(
     url: str | None,
     data: Path | None,
 ) -> None:
-    """Clear away jobs that have ended, with their results and recordings, and folders that belong to no job.
+    """Clear away jobs that have ended, with their results and recordings, unused uploads, and folders without a job.
 
-    Pinned jobs stay (POST /api/v1/jobs/JOB/pin). Without a rule only folders without a job go. A service that runs
-    on the data folder does the work itself.
+    Pinned jobs stay (POST /api/v1/jobs/JOB/pin). With --older-than, uploads of that age go too, unless they are pinned
+    or a job, campaign, schedule or model that stays names them. Without a rule only folders without a job go. A service
+    that runs on the data folder does the work itself.
 
     \b
     What would go:            needlebench gc --older-than 30d --dry-run
@@ -67,6 +68,7 @@ def _cleared(settings: Settings, policy: Policy, dry_run: bool, url: str | None)
     from service.retention import clear
     from service.server import endpoint
     from service.store import Store
+    from service.uploads import Uploads
     from simcore.errors import Problem, ScenarioError
 
     if url is None:
@@ -76,7 +78,8 @@ def _cleared(settings: Settings, policy: Policy, dry_run: bool, url: str | None)
             with held(settings.data / "server.lock"):
                 store = Store(open_database(settings.database))
                 try:
-                    return asdict(clear(store, settings.jobs, policy, dry_run=dry_run))
+                    uploads = Uploads(settings.uploads, store, settings.limits)
+                    return asdict(clear(store, settings.jobs, policy, dry_run=dry_run, uploads=uploads))
                 finally:
                     store.close()
         except Busy:
@@ -91,9 +94,9 @@ def _tell(cleared: dict[str, Any], dry_run: bool) -> None:
     from service.disk import readable
 
     would = "would go" if dry_run else "cleared away"
-    for job in cleared["jobs"]:
-        click.echo(job)
-    counts = f"{len(cleared['jobs'])} jobs and {len(cleared['orphans'])} folders without one"
+    for name in (*cleared["jobs"], *cleared["uploads"]):
+        click.echo(name)
+    counts = f"{len(cleared['jobs'])} jobs, {len(cleared['uploads'])} uploads and {len(cleared['orphans'])} folders"
     click.echo(f"{counts} {would}: {readable(cleared['bytes'])}", err=True)
     click.echo(f"{cleared['kept']} ended jobs stay: {readable(cleared['kept_bytes'])}", err=True)
 

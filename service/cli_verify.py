@@ -19,9 +19,15 @@ if TYPE_CHECKING:
 @click.command()
 @click.argument("source", metavar="RESULT.json|JOB")
 @click.option("--url", metavar="URL", envvar="NEEDLEBENCH_URL", help="Address of the service that has the job.")
+@click.option(
+    "--data",
+    metavar="DIR",
+    type=click.Path(exists=True, file_okay=False, path_type=Path),
+    help="Data folder of the service whose job it is, or whose uploads the result names.",
+)
 @click.option("--json", "as_json", is_flag=True, help="The verdict as one JSON object.")
 @click.pass_context
-def verify(ctx: click.Context, source: str, url: str | None, as_json: bool) -> None:
+def verify(ctx: click.Context, source: str, url: str | None, data: Path | None, as_json: bool) -> None:
     """Run a result again from its provenance, in this process, and say whether the same comes out.
 
     The verdict is `identical` (every bit of every state: the same digest), `equal` (the tip's path within 1e-6 mm,
@@ -31,6 +37,7 @@ def verify(ctx: click.Context, source: str, url: str | None, as_json: bool) -> N
     \b
     A file:                   needlebench verify results/first/result.json
     A job of a service:       needlebench verify 5f2b8c0d9e1a4b37
+    Of one that is not up:    needlebench verify 5f2b8c0d9e1a4b37 --data ./data
     In a script:              needlebench verify result.json --json | jq .verdict
 
     \b
@@ -47,7 +54,7 @@ def verify(ctx: click.Context, source: str, url: str | None, as_json: bool) -> N
             bar = stack.enter_context(ProgressBar())
         file = Path(source)
         try:
-            verdict = _of_file(file, bar) if file.is_file() else _of_job(source, url, bar)
+            verdict = _of_file(file, data, bar) if file.is_file() else _of_job(source, url, data, bar)
         except CannotVerify as error:
             raise ScenarioError([Problem("RESULT", source, str(error))]) from None
     click.echo(json.dumps(verdict.data())) if as_json else _tell(verdict)
@@ -55,8 +62,8 @@ def verify(ctx: click.Context, source: str, url: str | None, as_json: bool) -> N
         ctx.exit(1)
 
 
-def _of_file(path: Path, observer: Observer | None) -> Verdict:
-    from service.verify import CannotVerify, load_series, verify
+def _of_file(path: Path, data: Path | None, observer: Observer | None) -> Verdict:
+    from service.verify import CannotVerify, load_series, uploads_beside, verify
     from simcore.artefacts import SERIES
 
     try:
@@ -65,17 +72,52 @@ def _of_file(path: Path, observer: Observer | None) -> Verdict:
         raise CannotVerify(f"is not readable JSON: {error}") from None
     if not isinstance(result, dict):
         raise CannotVerify("this is no result: it is no JSON object")
-    return verify(result, load_series(path.with_name(SERIES)), observer)
+    uploads = uploads_beside(path) if data is None else data / "uploads"
+    return verify(result, load_series(path.with_name(SERIES)), observer, uploads=uploads)
 
 
-def _of_job(job_id: str, url: str | None, observer: Observer | None) -> Verdict:
+def _of_job(job_id: str, url: str | None, data: Path | None, observer: Observer | None) -> Verdict:
+    """By the service at `url`; of a data folder by the service that runs on it, or from its files if there is none."""
     from service.cli_service import asked, client_of
     from service.verify import CannotVerify
 
     if not re.fullmatch("[0-9a-z]{1,32}", job_id):
         raise CannotVerify("is neither a file nor the id of a job")
+    if data is not None and url is None:
+        from service.lock import Busy, held
+        from service.server import endpoint
+
+        try:
+            with held(data / "server.lock"):
+                return _of_folder(job_id, data, observer)
+        except Busy:
+            url = endpoint(data)
     with client_of(url) as client:
         return asked(lambda: client.verify(job_id, observer))
+
+
+def _of_folder(job_id: str, data: Path, observer: Observer | None) -> Verdict:
+    """A job of a data folder on which no service runs."""
+    from service.database import open_database
+    from service.jobs import UnknownJob
+    from service.settings import Settings
+    from service.store import Store
+    from service.verify import CannotVerify, load_series, verify
+    from simcore.artefacts import SERIES
+
+    settings = Settings.load(data=data, host="127.0.0.1")
+    if not settings.database.is_file():
+        raise CannotVerify(f"{data} is no data folder: it has no {settings.database.name}")
+    store = Store(open_database(settings.database))
+    try:
+        job = store.get(job_id)
+    except UnknownJob as error:
+        raise CannotVerify(str(error)) from None
+    finally:
+        store.close()
+    if job.result is None:
+        raise CannotVerify(f"job {job_id} is {job.state}: it has no result")
+    return verify(job.result, load_series(data / job.folder / SERIES), observer, uploads=settings.uploads)
 
 
 def _tell(verdict: Verdict) -> None:

@@ -13,7 +13,9 @@ from typing import TYPE_CHECKING, Any, Self
 import httpx2
 
 from service.client_campaigns import CampaignCalls
+from service.client_models import ModelCalls
 from service.connection import ServiceError, Unreachable, refusal
+from service.references import references
 from simcore.scenario import Scenario
 
 if TYPE_CHECKING:
@@ -42,9 +44,13 @@ class Progress:
 
 @dataclass(frozen=True, kw_only=True)
 class JobStatus:
-    """A job as the service told it; `raw` is its JSON. `scenario` and `result` are None in lists."""
+    """A job as the service told it; `raw` is its JSON. `scenario` and `result` are None in lists.
+
+    kind: insertion, or training, which has no scenario.
+    """
 
     id: str
+    kind: str
     name: str
     state: str
     attempt: int
@@ -68,8 +74,9 @@ class JobStatus:
 
     @property
     def success(self) -> bool:
-        """Whether the run completed and met its own definition of success."""
-        return self.state == "succeeded" and bool((self.metrics or {}).get("success"))
+        """Whether the run completed and met its own definition of success; a training, whether there is a model."""
+        achieved = "model" if self.kind == "training" else "success"
+        return self.state == "succeeded" and bool((self.metrics or {}).get(achieved))
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -109,7 +116,7 @@ class Uploaded:
         return cls(**{name: raw[name] for name in cls.__dataclass_fields__})
 
 
-class Client(CampaignCalls):
+class Client(CampaignCalls, ModelCalls):
     """A connection to one service. Use it as a context manager, or close it.
 
     url: as printed by `needlebench serve`. api_key: what the service was started with, on any address but loopback.
@@ -242,6 +249,11 @@ class Client(CampaignCalls):
                     yield JobEvent.of(kind, json.loads(data))
                     kind, data = "", ""
 
+    def train_model(self, data: str, *, kind: str = "elm", **settings: Any) -> JobStatus:
+        """Queue a training on the data set that `data` names, artefact:ID. settings: those of its kind, split, samples,
+        name, priority, timeout_s. The model of the job that succeeded is `model(job.metrics["model"])`."""
+        return JobStatus.of(self._json("POST", "/api/v1/models/train", json={"data": data, "kind": kind, **settings}))
+
     def delete(self, job_id: str) -> None:
         """Forget a job that has ended, with all its files."""
         self._request("DELETE", f"/api/v1/jobs/{job_id}")
@@ -261,16 +273,32 @@ class Client(CampaignCalls):
     def verify(self, job_id: str, observer: Observer | None = None) -> Verdict:
         """Run the job's scenario again in this process and compare: identical, equal within 1e-6 mm, or different.
 
-        Raises CannotVerify when the job has no result.
+        Uploads that the scenario names are fetched. Raises CannotVerify when the job has no result, trained a model, or
+        names an upload that the service no longer has.
         """
         from service.verify import CannotVerify, load_series, verify
 
         job = self.job(job_id)
         if job.result is None:
             raise CannotVerify(f"job {job_id} is {job.state}: it has no result")
-        with tempfile.TemporaryDirectory() as folder:
-            series = load_series(self.series(job_id, Path(folder) / "series.npz"))
-        return verify(job.result, series, observer)
+        if job.scenario is None:
+            raise CannotVerify(f"job {job_id} trained a model: train it again, the same SHA-256 must come out")
+        with tempfile.TemporaryDirectory() as name:
+            folder = Path(name)
+            for field_name, upload_id in references(dict(job.scenario)):
+                self._fetched(upload_id, folder, f"{field_name} of job {job_id}")
+            series = load_series(self.series(job_id, folder / "series.npz"))
+            return verify(job.result, series, observer, uploads=folder)
+
+    def _fetched(self, upload_id: str, folder: Path, what: str) -> Path:
+        from service.verify import CannotVerify
+
+        try:
+            return self.upload_file(upload_id, folder / upload_id)
+        except ServiceError as error:
+            if error.status != 404:
+                raise
+            raise CannotVerify(f"{what} names the upload {upload_id}, which the service no longer has") from None
 
     def log(self, job_id: str) -> str:
         """What the job's last attempt logged so far."""
@@ -286,21 +314,33 @@ class Client(CampaignCalls):
         return dict(self._json("POST", "/api/v1/gc", json=body))
 
     def upload(self, path: Path, *, kind: str | None = None) -> Uploaded:
-        """Send a tissue mesh or a model; kind: mesh or model, by default what the suffix says. The same content sent
-        again is the same upload. A scenario names it by its `reference`."""
-        kind = kind or ("model" if path.suffix.lower() in (".npz", ".json") else "mesh")
+        """Send a tissue mesh, a model or a data set; kind: mesh, model or dataset, by default what the suffix says. The
+        same content sent again is the same upload. A scenario or a training names it by its `reference`."""
+        kind = kind or {".json": "model", ".npz": "dataset"}.get(path.suffix.lower(), "mesh")
         with path.open("rb") as file:
             headers = {"Content-Type": "application/octet-stream"}
             params = {"kind": kind, "name": path.name}
             raw = self._json("POST", "/api/v1/uploads", params=params, content=file, headers=headers, timeout=300.0)
         return Uploaded.of(raw)
 
+    def upload_file(self, upload_id: str, path: Path) -> Path:
+        """Download what was sent in. Returns `path`."""
+        return self._download(f"/api/v1/uploads/{upload_id}/content", path)
+
+    def pin_upload(self, upload_id: str) -> Uploaded:
+        """Keep it whatever is cleared away."""
+        return Uploaded.of(self._json("POST", f"/api/v1/uploads/{upload_id}/pin"))
+
+    def unpin_upload(self, upload_id: str) -> None:
+        """Keep it no longer."""
+        self._request("DELETE", f"/api/v1/uploads/{upload_id}/pin")
+
     def uploads(self) -> list[Uploaded]:
         """What was sent in, newest first."""
         return [Uploaded.of(raw) for raw in self._json("GET", "/api/v1/uploads", params={"limit": 1000})["items"]]
 
     def delete_upload(self, upload_id: str) -> None:
-        """Delete an upload that no queued or running job names."""
+        """Delete an upload that is not pinned and that no queued or running job names."""
         self._request("DELETE", f"/api/v1/uploads/{upload_id}")
 
     def scenarios(self) -> dict[str, str]:

@@ -14,6 +14,7 @@ from service.database import open_database
 from service.engine import Engine
 from service.keeper import Keeper
 from service.keys import Keys
+from service.models import Models
 from service.monitor import Monitor
 from service.problems import MEDIA_TYPE, HttpProblem
 from service.schedule_store import ScheduleStore
@@ -34,6 +35,7 @@ class Service:
     monitor: Monitor
     keys: Keys
     uploads: Uploads
+    models: Models
     campaigns: CampaignStore
     schedules: ScheduleStore
     keeper: Keeper
@@ -46,11 +48,24 @@ class Service:
         store = Store(open_database(settings.database), notify=changes.notify, limits=settings.limits)
         keys = Keys(store, environment_key=settings.api_key, always=not settings.loopback)
         uploads = Uploads(settings.uploads, store, settings.limits)
-        engine, campaigns = Engine(settings, store, monitor), CampaignStore(store)
+        engine, campaigns = Engine(settings, store, monitor, uploads), CampaignStore(store)
         schedules = ScheduleStore(store, campaigns)
         planner = Planner(uploads.lookup, settings.limits)
         keeper = Keeper(campaigns, schedules, planner, poke=engine.poke)
-        return cls(settings, store, engine, changes, monitor, keys, uploads, campaigns, schedules, keeper, planner)
+        return cls(
+            settings=settings,
+            store=store,
+            engine=engine,
+            changes=changes,
+            monitor=monitor,
+            keys=keys,
+            uploads=uploads,
+            models=Models(uploads, store),
+            campaigns=campaigns,
+            schedules=schedules,
+            keeper=keeper,
+            planner=planner,
+        )
 
     @property
     def closing(self) -> bool:

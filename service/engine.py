@@ -9,6 +9,7 @@ from service.monitor import Monitor
 from service.settings import Settings
 from service.slot import Signals, Slot
 from service.store import Store
+from service.uploads import Uploads
 
 _log = logging.getLogger("needlebench")
 
@@ -16,13 +17,13 @@ _log = logging.getLogger("needlebench")
 class Engine:
     """The slots of one data folder. `start` and `stop` once; `poke` when there is something new to do."""
 
-    def __init__(self, settings: Settings, store: Store, monitor: Monitor) -> None:
+    def __init__(self, settings: Settings, store: Store, monitor: Monitor, uploads: Uploads) -> None:
         self._store = store
         self._stopping = threading.Event()
         self._draining = threading.Event()
         self._news = threading.Condition()
         self._slots = [
-            Slot(settings, store, Signals(self._stopping, self._draining, self._news), monitor, number)
+            Slot(settings, store, Signals(self._stopping, self._draining, self._news), monitor, uploads, number)
             for number in range(settings.workers)
         ]
 

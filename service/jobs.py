@@ -5,10 +5,12 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Any
 
-from simcore.errors import NeedlebenchError
+from simcore.errors import NeedlebenchError, Problem
 
 QUEUED, RUNNING, SUCCEEDED = "queued", "running", "succeeded"
 FAILED, CANCELLED, TIMED_OUT = "failed", "cancelled", "timed_out"
+
+INSERTION, TRAINING = KINDS = ("insertion", "training")  # one simulated insertion; one model learned from a data set
 
 LEGAL: dict[str, frozenset[str]] = {
     QUEUED: frozenset({RUNNING, CANCELLED}),
@@ -48,6 +50,14 @@ class QueueFull(NeedlebenchError):
 
 class UploadGone(NeedlebenchError, LookupError):
     """A job names an upload that was deleted meanwhile."""
+
+
+class InputGone(NeedlebenchError):
+    """A job cannot run again: an upload that it names was deleted since; `problems` names the fields."""
+
+    def __init__(self, job_id: str, problems: list[Problem]) -> None:
+        self.problems = problems
+        super().__init__(f"job {job_id} cannot run again: " + "; ".join(f"{p.field}: {p.message}" for p in problems))
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -116,6 +126,7 @@ class Job:
     finished_at: float | None
     version: int
     owner: str | None = None
+    kind: str = INSERTION
 
     @property
     def terminal(self) -> bool:

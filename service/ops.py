@@ -33,8 +33,10 @@ def get_monitoring(service: ServiceOf) -> Response:
     **admin_only(),
 )
 def clear_jobs(body: ClearRequest, service: ServiceOf) -> ClearedView:
-    """Delete jobs that have ended, with their files, by age, number or size; pinned ones stay. Folders without a job
-    go in any case."""
+    """Delete jobs that have ended, with their files, by age, number or size; pinned ones stay. With an age, uploads of
+    that age go too that no job, campaign, schedule or model names which stays. Folders without a job go in any case."""
     policy = retention.Policy(older_than_s=body.older_than_s, keep_last=body.keep_last, max_bytes=body.max_bytes)
-    cleared = retention.clear(service.store, service.settings.jobs, policy, dry_run=body.dry_run)
+    cleared = retention.clear(
+        service.store, service.settings.jobs, policy, dry_run=body.dry_run, uploads=service.uploads
+    )
     return ClearedView.of(cleared)

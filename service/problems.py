@@ -15,7 +15,7 @@ from starlette.exceptions import HTTPException
 from starlette.responses import Response
 
 from service.campaigns import CampaignActive, UnknownCampaign
-from service.jobs import IllegalTransition, KeyReused, QueueFull, UnknownJob, UploadGone
+from service.jobs import IllegalTransition, InputGone, KeyReused, QueueFull, UnknownJob, UploadGone
 from service.schedules import ScheduleChanged, ScheduleExists, UnknownSchedule
 from simcore.errors import Problem, ScenarioError
 
@@ -99,6 +99,7 @@ def install(app: FastAPI) -> None:
     app.add_exception_handler(KeyReused, _on_key)
     app.add_exception_handler(QueueFull, _on_full)
     app.add_exception_handler(UploadGone, _on_gone)
+    app.add_exception_handler(InputGone, _on_input_gone)
     app.add_exception_handler(OperationalError, database_refusal)
     app.add_exception_handler(Exception, _on_crash)
 
@@ -183,6 +184,11 @@ def _on_full(request: Request, error: Exception) -> Response:
 
 def _on_gone(request: Request, error: Exception) -> Response:
     return _reply(request, 422, str(error), errors=[Problem("scenario", None, str(error))])
+
+
+def _on_input_gone(request: Request, error: Exception) -> Response:
+    assert isinstance(error, InputGone)
+    return _reply(request, 409, str(error), errors=error.problems)
 
 
 def database_refusal(request: Request, error: Exception) -> Response:

@@ -9,7 +9,7 @@ from typing import Any
 from sqlalchemy import Connection, Engine, Row, Select, bindparam, func, literal, select
 
 from service import tables
-from service.jobs import QUEUED, SUCCEEDED, TERMINAL, Artefact, Event, Job, UnknownJob
+from service.jobs import INSERTION, QUEUED, SUCCEEDED, TERMINAL, Artefact, Event, Job, UnknownJob
 
 JOB = tables.job
 COLUMNS = [JOB.c[field.name] for field in fields(Job)]
@@ -89,7 +89,12 @@ class Reads:
     def step_s(self) -> float | None:
         """Time of a step by the last jobs that succeeded: median of their wall times; None before the first."""
         wall = (JOB.c.finished_at - JOB.c.started_at) / JOB.c.steps
-        query = select(wall).where(JOB.c.state == SUCCEEDED, JOB.c.steps > 0).order_by(JOB.c.seq.desc()).limit(50)
+        query = (
+            select(wall)
+            .where(JOB.c.state == SUCCEEDED, JOB.c.steps > 0, JOB.c.kind == INSERTION)
+            .order_by(JOB.c.seq.desc())
+            .limit(50)
+        )
         with self._engine.begin() as connection:
             found = [float(value) for value in connection.execute(query).scalars() if value is not None]
         return statistics.median(found) if found else None

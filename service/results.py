@@ -14,7 +14,7 @@ from starlette.responses import FileResponse, PlainTextResponse, StreamingRespon
 
 from service import series
 from service.core import JobId, Service, ServiceOf, documented, matches
-from service.jobs import SUCCEEDED, Artefact, Job
+from service.jobs import INSERTION, SUCCEEDED, Artefact, Job
 from service.logs import LOG
 from service.problems import HttpProblem
 from service.schemas import ArtefactList, ArtefactView, MetricsView
@@ -181,6 +181,8 @@ async def get_recording(
     """The complete file once the job has ended; before that one response that follows the growing file and ends
     with the job. Open either in the Rerun viewer."""
     job = await run_in_threadpool(service.store.get, job_id)
+    if job.kind != INSERTION:
+        raise HttpProblem(404, f"job {job_id} is a {job.kind}: there is nothing to record")
     if not (job.spec or {})["scenario"]["recording"]["enabled"]:
         raise HttpProblem(404, f"job {job_id} was submitted with recording.enabled = false")
     if not job.terminal:

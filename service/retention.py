@@ -1,4 +1,4 @@
-"""Clears away old jobs with their files, and folders that belong to no job.
+"""Clears away old jobs with their files, uploads that nothing names any more, and folders that belong to no job.
 
 A job's row goes first, then its folder: a kill in between leaves a folder without a job, which the next sweep finds.
 """
@@ -14,6 +14,7 @@ from pathlib import Path
 from service.disk import size_bytes
 from service.jobs import IllegalTransition, Job, UnknownJob
 from service.store import Store
+from service.uploads import Uploads
 from simcore.errors import Problem, ScenarioError
 
 _AGE = re.compile(r"(\d+(?:\.\d+)?)([smhdw])")
@@ -24,7 +25,8 @@ _SECONDS = {"s": 1, "m": 60, "h": 3600, "d": 86400, "w": 604800}
 class Policy:
     """Which jobs that have ended may go; pinned ones never do.
 
-    older_than_s: those that ended longer ago. keep_last: never the newest so many; alone, all but these go.
+    older_than_s: those that ended longer ago; then also uploads that were sent in longer ago and that no job, campaign,
+    schedule or model names which stays. keep_last: never the newest so many; alone, all but these go.
     max_bytes: then the oldest, until the files of the rest hold no more than this. None = no such rule.
     """
 
@@ -42,10 +44,12 @@ class Cleared:
     bytes: int
     kept: int
     kept_bytes: int
+    uploads: tuple[str, ...] = ()
 
 
-def clear(store: Store, folder: Path, policy: Policy, *, dry_run: bool) -> Cleared:
-    """Apply the policy to the jobs of the store, whose files are in `folder`; orphans go in any case."""
+def clear(store: Store, folder: Path, policy: Policy, *, dry_run: bool, uploads: Uploads | None = None) -> Cleared:
+    """Apply the policy to the jobs of the store, whose files are in `folder`, and to `uploads`, if they are given;
+    orphans go in any case."""
     orphans = _orphans(store, folder)
     ended = store.ended()
     sizes = {job.id: size_bytes(folder / job.id) for job in ended}
@@ -65,10 +69,12 @@ def clear(store: Store, folder: Path, policy: Policy, *, dry_run: bool) -> Clear
         for orphan in orphans:
             remove(orphan)
     left = sizes.keys() - set(gone)
+    unused = () if uploads is None else uploads.clear(policy.older_than_s, without=set(gone), dry_run=dry_run)
     return Cleared(
         jobs=tuple(gone),
         orphans=tuple(str(orphan.relative_to(folder)) for orphan in orphans),
-        bytes=freed,
+        uploads=tuple(one.id for one in unused),
+        bytes=freed + sum(one.bytes for one in unused),
         kept=len(left),
         kept_bytes=sum(sizes[name] for name in left),
     )

@@ -7,7 +7,7 @@ from typing import Annotated, Any, Literal, Self
 
 from pydantic import BaseModel, ConfigDict, Field, WithJsonSchema, field_validator
 
-from service.jobs import SUCCEEDED, Artefact, Event, Job
+from service.jobs import INSERTION, SUCCEEDED, TRAINING, Artefact, Event, Job
 
 State = Literal["queued", "running", "succeeded", "failed", "cancelled", "timed_out"]
 
@@ -85,6 +85,7 @@ class Links(BaseModel):
     metrics: str | None
     series: str | None
     recording: str | None
+    model: str | None = Field(description="What a training has made.")
     artefacts: str
 
 
@@ -92,6 +93,7 @@ class JobSummary(BaseModel):
     """A job in a list: without its scenario and its result, which can be large."""
 
     id: str
+    kind: Literal["insertion", "training"] = Field(description="What it does: simulate, or train a model.")
     name: str
     state: State
     attempt: int = Field(description="How often it was started; 0 = not yet.")
@@ -112,6 +114,7 @@ class JobSummary(BaseModel):
         kind = job.error_kind
         return {
             "id": job.id,
+            "kind": job.kind,
             "name": job.name,
             "state": job.state,
             "attempt": job.attempt,
@@ -136,12 +139,16 @@ class JobSummary(BaseModel):
 class JobView(JobSummary):
     """A job with everything. A run that did not succeed or converge is a result; `failed` is a crash."""
 
-    scenario: dict[str, Any] = Field(description="The fully resolved scenario.")
+    scenario: dict[str, Any] | None = Field(description="The fully resolved scenario; null for a training.")
+    training: dict[str, Any] | None = Field(description="What is trained on what; null for an insertion.")
     result: dict[str, Any] | None = Field(description="The content of result.json, once there is one.")
 
     @classmethod
     def of(cls, job: Job) -> Self:
-        return cls(**cls.fields_of(job), scenario=(job.spec or {})["scenario"], result=job.result)
+        spec = job.spec or {}
+        return cls(
+            **cls.fields_of(job), scenario=spec.get("scenario"), training=spec.get("training"), result=job.result
+        )
 
 
 class EventView(BaseModel):
@@ -253,7 +260,8 @@ def links_of(job: Job) -> Links:
         events=f"{base}/events",
         log=f"{base}/log",
         metrics=f"{base}/metrics" if done else None,
-        series=f"{base}/series" if done else None,
-        recording=f"/recordings/{job.id}.rrd" if job.started_at is not None else None,
+        series=f"{base}/series" if done and job.kind == INSERTION else None,
+        recording=f"/recordings/{job.id}.rrd" if job.started_at is not None and job.kind == INSERTION else None,
+        model=f"/api/v1/models/{(job.metrics or {})['model']}" if done and job.kind == TRAINING else None,
         artefacts=f"{base}/artefacts",
     )

@@ -61,6 +61,7 @@ class ClearedView(BaseModel):
 
     jobs: list[str]
     orphans: list[str] = Field(description="Folders that belonged to no job, or to an earlier attempt.")
+    uploads: list[str] = Field(description="Uploads that nothing names any more.")
     bytes: int
     kept: int = Field(description="Jobs that have ended and stay.")
     kept_bytes: int

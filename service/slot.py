@@ -9,19 +9,21 @@ import threading
 import time
 from collections.abc import Callable
 from concurrent.futures import Future, wait
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 from sqlalchemy.exc import DBAPIError, SQLAlchemyError
 
-from service import pool, progress, worker
+from service import pool, progress, train_job, worker
 from service.checks import disk_check
-from service.jobs import CANCELLED, FAILED, SUCCEEDED, TIMED_OUT, Artefact, IllegalTransition, Job, Outcome
+from service.disk import REFUSALS
+from service.jobs import CANCELLED, FAILED, SUCCEEDED, TIMED_OUT, TRAINING, Artefact, IllegalTransition, Job, Outcome
 from service.logs import ROOT
 from service.memory import resident_mb
 from service.monitor import Monitor
 from service.settings import Settings
 from service.store import Store
+from service.uploads import Uploads, UploadsFull
 
 _log = logging.getLogger(ROOT)
 _TICK_S = 0.2
@@ -51,11 +53,13 @@ class Slot(threading.Thread):
         store: Store,
         signals: Signals,
         monitor: Monitor,
+        uploads: Uploads,
         number: int,
     ) -> None:
         super().__init__(name=f"slot-{number}", daemon=True)
         self._settings = settings
         self._store = store
+        self._uploads = uploads
         self._stopping = signals.stopping
         self._draining = signals.draining
         self._monitor = monitor
@@ -138,7 +142,8 @@ class Slot(threading.Thread):
         try:
             shutil.rmtree(folder, ignore_errors=True)
             spec = {**(job.spec or {}), "job_id": job.id, "uploads": str(self._settings.uploads)}
-            future = workman.call(worker.execute, self._settings.runner, spec, str(folder))
+            runner = train_job.RUNNER if job.kind == TRAINING else self._settings.runner
+            future = workman.call(worker.execute, runner, spec, str(folder))
             outcome = self._watch(workman, job, future)
         except Exception as loss:  # whatever it is, a claimed job must not stay behind without an owner
             self._drop_worker()
@@ -150,7 +155,7 @@ class Slot(threading.Thread):
             self._drop_worker()
             self._settle(job, lambda: self._store.requeue(job, reason="the server was stopped", crashed=False))
         else:
-            self._settle(job, lambda: self._store.finish(job, outcome))
+            self._settle(job, lambda: self._finish(job, outcome))
 
     def _watch(self, workman: pool.Worker, job: Job, future: Future[Any]) -> Outcome | None:
         """Until the attempt ends; None when the engine stops first. Raises Lost when the process died."""
@@ -207,6 +212,18 @@ class Slot(threading.Thread):
         files = self._files(job, worker.describe(self._settings.data / job.folder))
         return Outcome(state=state, error_kind=kind, error=message, artefacts=files)
 
+    def _finish(self, job: Job, outcome: Outcome) -> Job:
+        """The end of an attempt. A model is kept before its job has succeeded: a kill between trains it again."""
+        if job.kind == TRAINING and outcome.result is not None:
+            made = self._settings.data / job.folder / train_job.MODEL
+            try:
+                self._uploads.keep_made(made, job, outcome.result["model"])
+            except (UploadsFull, OSError) as error:
+                if getattr(error, "errno", None) in REFUSALS:
+                    raise
+                outcome = replace(outcome, state=FAILED, result=None, error_kind="disk", error=str(error))
+        return self._store.finish(job, outcome)
+
     def _files(self, job: Job, described: list[dict[str, Any]]) -> tuple[Artefact, ...]:
         return tuple(Artefact(**file, path=f"{job.folder}/{file['name']}") for file in described)
 
@@ -222,7 +239,7 @@ class Slot(threading.Thread):
             except IllegalTransition as error:
                 _log.warning("%s", error, extra=_named(job))
                 break
-            except DBAPIError as error:
+            except (DBAPIError, OSError) as error:
                 _log.error("the end of a job cannot be stored, next try in %g s: %s", pause, error)
                 if self._stopping.wait(pause):
                     return  # the next start finds it running and requeues it

@@ -18,6 +18,7 @@ from service.jobs import (
     CANCELLED,
     CRASHED,
     FAILED,
+    INSERTION,
     LEGAL,
     MAXIMUM_ATTEMPTS,
     MAXIMUM_CRASHES,
@@ -26,6 +27,7 @@ from service.jobs import (
     RUNNING,
     Artefact,
     IllegalTransition,
+    InputGone,
     Job,
     KeyReused,
     Outcome,
@@ -34,6 +36,9 @@ from service.jobs import (
 )
 from service.limits import Limits
 from service.reads import BRIEF, COLUMNS, Reads, read, to_job
+from service.references import references
+from service.upload_names import SCHEME
+from simcore.errors import Problem
 
 _job = tables.job
 
@@ -122,6 +127,7 @@ class Store(Reads):
         request_hash: str = "",
         owner: str | None = None,
         uploads: Collection[str] = (),
+        kind: str = INSERTION,
     ) -> Job:
         """A new queued job; the job of before when the idempotency key was seen.
 
@@ -149,6 +155,7 @@ class Store(Reads):
                 "created_at": self._now(),
                 "version": 1,
                 "owner": owner,
+                "kind": kind,
             }
             job = to_job(connection.execute(_NEW, new).one())
             for upload_id in uploads:
@@ -267,16 +274,17 @@ class Store(Reads):
     def retry(self, job_id: str) -> Job:
         """Queue a job again that failed, was cancelled or ran out of time. Raises IllegalTransition.
 
-        The attempts go on counting; what the last one left is no longer listed.
+        The attempts go on counting; what the last one left is no longer listed. Raises InputGone, too.
         """
         fresh: dict[str, Any] = dict.fromkeys(
             ("progress", "metrics", "result", "error_kind", "error", "cpu_s", "max_rss_mb", "heartbeat_at")
         )
         fresh |= {"crashes": 0, "cancel_requested": False, "started_at": None, "finished_at": None}
         with self._write() as connection:
-            job = read(connection, job_id, BRIEF)
+            job = read(connection, job_id)
             if not job.terminal:
                 raise IllegalTransition(job_id, job.state, QUEUED)
+            _make_sure_of_inputs(connection, job)
             moved = self._move(connection, job, QUEUED, fresh)
             connection.execute(delete(tables.artefact).where(tables.artefact.c.job_id == job_id))
             self._log(connection, moved, QUEUED, {"retry_of": job.state, "error": job.error})
@@ -343,3 +351,17 @@ class Store(Reads):
 def _attempt(job: Job) -> dict[str, Any]:
     """What `_OF_ATTEMPT` asks for: the job as it was read; the attempt is the fence against an owner of before."""
     return {"of_id": job.id, "of_attempt": job.attempt, "of_state": job.state}
+
+
+def _make_sure_of_inputs(connection: Connection, job: Job) -> None:
+    """Raises InputGone when an upload that the job names is not there any more."""
+    known = access_tables.upload.c.id
+    message = "the upload was deleted: send it again with `needlebench upload`"
+    problems = [
+        Problem(field, f"{SCHEME}{upload_id}", message)
+        for part in (job.spec or {}).values()
+        for field, upload_id in references(part)
+        if connection.execute(select(known).where(known == upload_id)).one_or_none() is None
+    ]
+    if problems:
+        raise InputGone(job.id, problems)

@@ -64,6 +64,7 @@ job = Table(
     Column("finished_at", Float),
     Column("version", Integer, nullable=False),  # goes up with every change: the ETag
     Column("owner", String(32)),  # the API key that submitted it; null where none was asked for
+    Column("kind", String(16), nullable=False, server_default="insertion"),  # what its worker does: `jobs.KINDS`
     CheckConstraint("state IN ('queued', 'running', 'succeeded', 'failed', 'cancelled', 'timed_out')", name="state"),
     sqlite_autoincrement=True,
 )

@@ -11,8 +11,11 @@ import struct
 import subprocess
 import sys
 import zipfile
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
+
+from service.learned_content import dataset_content, model_content
 
 MEMORY_MB = 2000
 TIME_S = 60
@@ -26,7 +29,7 @@ class BadUpload(ValueError):
 
 
 def checked(path: Path, kind: str) -> dict[str, Any]:
-    """What is in the file: counts for a mesh, names of arrays or members for a model. Raises BadUpload."""
+    """What is in the file: counts for a mesh, rows for a data set, settings and origin of a model. Raises BadUpload."""
     command = [sys.executable, "-m", "service.upload_check", kind, str(path)]
     try:
         done = subprocess.run(
@@ -47,7 +50,11 @@ def look_into(path: Path, kind: str) -> dict[str, Any]:
     """In the process of its own. Raises BadUpload."""
     if kind == "mesh":
         return _mesh(path)
-    return _arrays(path) if path.suffix == ".npz" else _members(path)
+    if kind == "dataset":
+        make_sure_of_arrays(path)
+        return _learned(dataset_content, path)
+    make_sure_of_object(path)
+    return _learned(model_content, path)
 
 
 def _mesh(path: Path) -> dict[str, Any]:
@@ -61,8 +68,20 @@ def _mesh(path: Path) -> dict[str, Any]:
     return {"nodes": nodes, "tetrahedra": tets}
 
 
-def _arrays(path: Path) -> dict[str, Any]:
-    """Names and shapes of the arrays of an .npz; no array is read, and none of objects, which are pickles, passes."""
+def _learned(content: Callable[[Path], dict[str, Any]], path: Path) -> dict[str, Any]:
+    from simcore.errors import NeedlebenchError
+
+    try:
+        return content(path)
+    except NeedlebenchError as error:
+        raise BadUpload(str(error).replace(str(path), "it")) from None
+
+
+def make_sure_of_arrays(path: Path) -> None:
+    """An .npz whose headers and sizes agree; no array is read, and none of objects, which are pickles, passes.
+
+    Raises BadUpload.
+    """
     try:
         with zipfile.ZipFile(path) as archive:
             members = archive.infolist()
@@ -71,13 +90,14 @@ def _arrays(path: Path) -> dict[str, Any]:
             total = sum(member.file_size for member in members)
             if total > MAXIMUM_ARRAYS_MB * 1e6:
                 raise BadUpload(f"it unpacks to {total / 1e6:.0f} MB, at most {MAXIMUM_ARRAYS_MB} are allowed")
-            return {"arrays": {member.filename.removesuffix(".npy"): _shape(archive, member) for member in members}}
+            for member in members:
+                _make_sure_of_shape(archive, member)
     except (zipfile.BadZipFile, NotImplementedError, RuntimeError, EOFError, OSError, struct.error) as error:
         raise BadUpload(f"it is not an .npz archive: {error}") from None
 
 
-def _shape(archive: zipfile.ZipFile, member: zipfile.ZipInfo) -> list[int]:
-    """Shape of one array, by its header, which must agree with the size of its data."""
+def _make_sure_of_shape(archive: zipfile.ZipFile, member: zipfile.ZipInfo) -> None:
+    """The header of an array must agree with the size of its data."""
     from numpy.lib import format as npy
 
     name = member.filename[:100]
@@ -98,11 +118,10 @@ def _shape(archive: zipfile.ZipFile, member: zipfile.ZipInfo) -> list[int]:
         count *= length
     if min(shape, default=0) < 0 or count * dtype.itemsize != member.file_size - start:
         raise BadUpload(f"the shape of its {name} does not agree with its {member.file_size} bytes")
-    return list(shape)
 
 
-def _members(path: Path) -> dict[str, Any]:
-    """Names of the members of a JSON object."""
+def make_sure_of_object(path: Path) -> None:
+    """A plain, finite JSON object. Raises BadUpload."""
     try:
         value = json.loads(path.read_bytes(), parse_constant=_no_constant)
     except (ValueError, RecursionError) as error:
@@ -111,7 +130,6 @@ def _members(path: Path) -> dict[str, Any]:
         raise BadUpload("it must hold a JSON object")
     if _depth(value) > MAXIMUM_DEPTH:
         raise BadUpload(f"it is nested more than {MAXIMUM_DEPTH} deep")
-    return {"members": sorted(str(name)[:100] for name in value)[:MAXIMUM_MEMBERS]}
 
 
 def _no_constant(text: str) -> Any:

@@ -8,7 +8,12 @@ from pathlib import Path
 from simcore.files import NoSuchFile
 
 SCHEME = "artefact:"
-SUFFIXES = {"mesh": (".msh", ".vtu", ".vtk", ".mesh", ".inp"), "model": (".npz", ".json")}
+SUFFIXES = {
+    "mesh": (".msh", ".vtu", ".vtk", ".mesh", ".inp"),
+    "model": (".json",),
+    "dataset": (".npz",),
+}
+NAMES = {"mesh": "mesh", "model": "model", "dataset": "data set"}  # in sentences
 UPLOAD_ID = r"[0-9a-f]{64}\.[a-z]{1,8}"
 NAME = r"[A-Za-z0-9_][A-Za-z0-9_ .+()-]{0,99}"
 

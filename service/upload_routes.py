@@ -1,4 +1,4 @@
-"""Routes of uploaded files: tissue meshes and models, which scenarios name by their ids."""
+"""Routes of uploaded files: meshes, models and data sets, which scenarios and trainings name by their ids."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from service.access_schemas import UploadList, UploadView
 from service.core import Service, ServiceOf, documented
 from service.problems import HttpProblem
 from service.upload_check import BadUpload, checked
-from service.upload_names import NAME, SUFFIXES, UPLOAD_ID
+from service.upload_names import NAME, NAMES, SUFFIXES, UPLOAD_ID
 from service.uploads import Upload
 from simcore.errors import Problem
 
@@ -36,7 +36,7 @@ UploadId = Annotated[str, PathParameter(description="Id of an upload.", max_leng
 @router.post(
     "",
     operation_id="create_upload",
-    summary="Send in a mesh or a model",
+    summary="Send in a mesh, a model or a data set",
     status_code=status.HTTP_201_CREATED,
     response_model=UploadView,
     responses={
@@ -50,11 +50,12 @@ async def create_upload(
     service: ServiceOf,
     request: Request,
     response: Response,
-    kind: Annotated[Literal["mesh", "model"], Query(description="What it is.")],
+    kind: Annotated[Literal["mesh", "model", "dataset"], Query(description="What it is.")],
     name: Annotated[str, Query(description="What you call it, with its suffix.", pattern=f"^{NAME}$")],
 ) -> UploadView:
     """The body is the file itself. It is looked into before it is kept; the same content has the same id. Scenarios
-    name it as `artefact:<id>` in `tissue.mesh_file` or `controller.model`."""
+    name it as `artefact:<id>` in `tissue.mesh_file` or `controller.model`, a training names its data set so. A model
+    is JSON and a data set plain arrays: what holds a pickle is refused."""
     service.refuse_when_closing()
     suffix = _suffix(kind, name, request.headers.get("content-type", ""))
     draft = await run_in_threadpool(service.uploads.draft, suffix)
@@ -77,7 +78,7 @@ def _suffix(kind: str, name: str, content_type: str) -> str:
     """The suffix of the format. Raises HttpProblem 415 for one that is not taken, or declared as something else."""
     suffix = Path(name).suffix.lower()
     if suffix not in SUFFIXES[kind]:
-        message = f"a {kind} must end in {', '.join(SUFFIXES[kind])}"
+        message = f"a {NAMES[kind]} must end in {', '.join(SUFFIXES[kind])}"
         raise HttpProblem(415, message, errors=[Problem("name", name, message)])
     media_type = content_type.partition(";")[0].strip().lower()
     allowed = (_PLAIN, *_MEDIA_TYPES.get(suffix, _MESH_TYPES))
@@ -122,16 +123,18 @@ def _content(service: Service, draft: Path, kind: str, name: str, sha256: str) -
     try:
         return checked(draft, kind)
     except BadUpload as problem:
-        message = f"cannot be used as a {kind}: {problem}"
+        message = f"cannot be used as a {NAMES[kind]}: {problem}"
         raise HttpProblem(422, f"{name} {message}", errors=[Problem("body", name, message)]) from None
 
 
 @router.get("", operation_id="list_uploads", summary="Uploaded files, newest first", responses=documented())
 def list_uploads(
-    service: ServiceOf, limit: Annotated[int, Query(ge=1, le=1000, description="At most so many.")] = 100
+    service: ServiceOf,
+    limit: Annotated[int, Query(ge=1, le=1000, description="At most so many.")] = 100,
+    kind: Annotated[Literal["mesh", "model", "dataset"] | None, Query(description="Only of this kind.")] = None,
 ) -> UploadList:
-    """Meshes and models that scenarios may name."""
-    return UploadList(items=[UploadView.of(item) for item in service.uploads.newest(limit=limit)])
+    """Meshes and models that scenarios may name, and data sets to train models on."""
+    return UploadList(items=[UploadView.of(item) for item in service.uploads.newest(limit=limit, kind=kind)])
 
 
 @router.get("/{upload_id}", operation_id="get_upload", summary="One uploaded file", responses=documented(404))
@@ -157,6 +160,25 @@ def get_upload_content(upload_id: UploadId, service: ServiceOf) -> Response:
     return FileResponse(path, media_type=_PLAIN, filename=found.name, headers=headers)
 
 
+@router.post("/{upload_id}/pin", operation_id="pin_upload", summary="Keep an uploaded file", responses=documented(404))
+def pin_upload(upload_id: UploadId, service: ServiceOf) -> UploadView:
+    """It is passed over when old uploads are cleared away, and cannot be deleted. Once more is no error."""
+    return UploadView.of(service.uploads.pin(upload_id, pinned=True))
+
+
+@router.delete(
+    "/{upload_id}/pin",
+    operation_id="unpin_upload",
+    summary="Keep an uploaded file no longer",
+    status_code=status.HTTP_204_NO_CONTENT,
+    responses=documented(404),
+)
+def unpin_upload(upload_id: UploadId, service: ServiceOf, request: Request) -> None:
+    """It may be cleared away again. Once more is no error. Another key's needs the scope admin."""
+    request.state.caller.must_own(service.uploads.get(upload_id).owner, f"upload {upload_id}")
+    service.uploads.pin(upload_id, pinned=False)
+
+
 @router.delete(
     "/{upload_id}",
     operation_id="delete_upload",
@@ -165,7 +187,7 @@ def get_upload_content(upload_id: UploadId, service: ServiceOf) -> Response:
     responses=documented(404, 409),
 )
 def delete_upload(upload_id: UploadId, service: ServiceOf, request: Request) -> None:
-    """Not while a queued or running job names it. Another key's needs the scope admin."""
+    """Not while it is pinned, or a queued or running job names it. Another key's needs the scope admin."""
     found: Upload = service.uploads.get(upload_id)
     request.state.caller.must_own(found.owner, f"upload {upload_id}")
     service.uploads.delete(upload_id)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass
 from pathlib import Path
@@ -10,8 +11,10 @@ from typing import TYPE_CHECKING, Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from service.upload_names import SCHEME, UPLOAD_ID
 from service.worker import clean
 from simcore.errors import NeedlebenchError
+from simcore.files import NoSuchFile, names_mean
 from simcore.provenance import provenance
 
 if TYPE_CHECKING:
@@ -62,10 +65,41 @@ class Verdict:
         return dict(clean(asdict(self)))
 
 
-def verify(result: Mapping[str, Any], series: Arrays | None, observer: Observer | None = None) -> Verdict:
+class Files:
+    """What names of files in a scenario mean when it is run again: paths, and uploads that are in `folder`."""
+
+    def __init__(self, folder: Path | None) -> None:
+        self._folder = folder
+
+    def __call__(self, name: str) -> Path:
+        """The file. Raises NoSuchFile."""
+        if not name.startswith(SCHEME):
+            return Path(name)
+        place = "it is not known of which" if self._folder is None else f"{self._folder} does not have it"
+        found = None if self._folder is None else self._folder / name.removeprefix(SCHEME)
+        if found is None or not re.fullmatch(UPLOAD_ID, found.name) or not found.is_file():
+            message = "is an upload of a service, and {}: give the service's data folder by --data, or verify its job"
+            raise NoSuchFile(message.format(place))
+        return found
+
+
+def uploads_beside(path: Path) -> Path | None:
+    """The uploads of the data folder in which a result lies, as jobs/JOB/ATTEMPT/result.json; None elsewhere."""
+    above = path.absolute().parents
+    return above[3] / "uploads" if len(above) > 3 and above[2].name == "jobs" else None
+
+
+def verify(
+    result: Mapping[str, Any],
+    series: Arrays | None,
+    observer: Observer | None = None,
+    *,
+    uploads: Path | None = None,
+) -> Verdict:
     """Run `result["provenance"]["scenario"]` again and compare.
 
-    series: the arrays beside the result; without them only "identical" and "different" can be told.
+    series: the arrays beside the result; without them only "identical" and "different" can be told. uploads: folder of
+    those that the scenario names by their ids.
     Raises CannotVerify for what is no result, ScenarioError for a scenario that this version refuses.
     """
     from simcore.rollout import run
@@ -73,7 +107,8 @@ def verify(result: Mapping[str, Any], series: Arrays | None, observer: Observer 
 
     origin = origin_of(result)
     scenario = {**origin["scenario"], "recording": {"enabled": False}}  # which the digest leaves out
-    return compare(result, series, run(Scenario.load(scenario), observer))
+    with names_mean(Files(uploads)):
+        return compare(result, series, run(Scenario.load(scenario), observer))
 
 
 def origin_of(result: Mapping[str, Any]) -> Mapping[str, Any]:

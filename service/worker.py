@@ -23,6 +23,7 @@ from typing import TYPE_CHECKING, Any
 from service.disk import REFUSALS
 from service.logs import LOG, ROOT, job_log
 from service.progress import ProgressFile
+from service.train_job import MODEL
 
 if TYPE_CHECKING:
     from simcore.records import Observer, Scene, StepRecord
@@ -174,7 +175,7 @@ def clean(value: Any) -> Any:
 def describe(folder: Path) -> list[dict[str, Any]]:
     """Kind, name, SHA-256 and size of each file that a finished attempt left; temporary names are passed over."""
     found = []
-    for name, kind in KINDS.items():
+    for name, kind in {**KINDS, MODEL: "model"}.items():
         path = folder / name
         if path.is_file():
             with path.open("rb") as file:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import re
+from collections.abc import Iterator
 from typing import Annotated, Any
 
 from fastapi import APIRouter, Query, Request, Response
@@ -12,7 +14,9 @@ from service.campaigns import RUNNING as CAMPAIGN_RUNNING
 from service.core import JobId, Service, ServiceOf
 from service.job_text import flat
 from service.jobs import SUCCEEDED, TERMINAL, UnknownJob
+from service.models import UnknownModel, packaged
 from service.schemas import ArtefactView, EventView, JobRequest, JobSummary, JobView, State
+from service.upload_names import UPLOAD_ID
 from service.web.form import scenario_form
 from service.web.site import missing, page
 from simcore.presets import preset, preset_names
@@ -20,6 +24,7 @@ from simcore.presets import preset, preset_names
 router = APIRouter(include_in_schema=False)
 
 ROWS = 50
+AXES = ("x", "y", "z")
 _PLOTTED = 50_000  # steps above which the series is not drawn unasked
 
 
@@ -56,7 +61,7 @@ def _running(service: Service) -> list[CampaignView]:
 def get_submit(
     request: Request, service: ServiceOf, start: Annotated[str | None, Query(alias="from", max_length=100)] = None
 ) -> Response:
-    """The form of a new job; `from`: a job or a built-in scenario to start from."""
+    """The form of a new job; `from`: a job, a built-in scenario or a model to start from."""
     given = _start(service, start)
     if start is not None and given is None:
         return missing(request, "job or built-in scenario to start from")
@@ -86,11 +91,31 @@ def _start(service: Service, start: str | None) -> dict[str, Any] | None:
         return None
     if start in preset_names():
         return _chosen(start)
+    if start in {model.id for model in packaged()} or re.fullmatch(UPLOAD_ID, start):
+        return _steered(service, start)
     try:
-        scenario: dict[str, Any] = (service.store.get(start).spec or {})["scenario"]
+        scenario: dict[str, Any] | None = (service.store.get(start).spec or {}).get("scenario")
     except UnknownJob:
         return None
     return scenario
+
+
+def _measures(part: dict[str, Any]) -> Iterator[tuple[str, Any]]:
+    """Values of a result by name, errors along x, y, z one by one; the model of a training has a page of its own."""
+    for name, value in flat(part):
+        if isinstance(value, list):
+            yield from ((f"{name} {axis}", one) for axis, one in zip(AXES, value, strict=False))
+        elif name != "model":
+            yield name, value
+
+
+def _steered(service: Service, model_id: str) -> dict[str, Any] | None:
+    """A scenario that steers by a model."""
+    try:
+        model = service.models.get(model_id)
+    except UnknownModel:
+        return None
+    return {"controller": {"kind": model.kind, "model": model.reference}}
 
 
 @router.get("/jobs/{job_id}")
@@ -102,6 +127,7 @@ def get_job(job_id: JobId, request: Request, service: ServiceOf) -> Response:
         return missing(request, f"job {job_id}")
     view = JobView.of(job)
     result = view.result or {}
+    asked = view.scenario or view.training or {}
     timing = result.get("timing") or {}
     origin = {name: value for name, value in (result.get("provenance") or {}).items() if name != "scenario"}
     artefacts = [ArtefactView.of(job.id, one) for one in service.store.artefacts(job.id)]
@@ -115,15 +141,15 @@ def get_job(job_id: JobId, request: Request, service: ServiceOf) -> Response:
         cancelling=job.cancel_requested and job.state not in TERMINAL,
         cpu_s=job.cpu_s,
         memory_mb=job.max_rss_mb,
-        measures=[(name, value) for part in ("metrics", "solver") for name, value in flat(result.get(part) or {})],
+        measures=[(name, value) for part in ("metrics", "solver") for name, value in _measures(result.get(part) or {})],
         parts={name: part for name, part in timing.items() if isinstance(part, dict)},
         spans={name: value for name, value in timing.items() if not isinstance(value, dict)},
         origin=list(flat(origin)),
         artefacts=artefacts,
-        recorded=view.scenario.get("recording", {}).get("enabled", False)
+        recorded=(view.scenario or {}).get("recording", {}).get("enabled", False)
         and (any(one.name == "recording.rrd" for one in artefacts) if job.state in TERMINAL else True),
         plotted=any(one.name == "series.npz" for one in artefacts) and job.state == SUCCEEDED,
         unasked=job.steps <= _PLOTTED,
         events=[EventView.of(event) for event in service.store.events(job.id)],
-        scenario=list(flat({k: v for k, v in view.scenario.items() if k != "schema"})),
+        asked=list(flat({k: v for k, v in asked.items() if k != "schema"})),
     )

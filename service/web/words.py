@@ -26,6 +26,8 @@ def number(value: Any, digits: int = 3, unit: str = "") -> str:
     """With so many digits behind the point, two at least that count; a dash for what there is not."""
     if value is None or isinstance(value, bool) or not isinstance(value, int | float):
         return ABSENT
+    if abs(value) > 1e300:
+        return ABSENT
     small = 0.0 < abs(value) < 10.0 ** (1 - digits) and digits > 1
     return f"{value:.2g} {unit}".rstrip() if small else f"{value:.{digits}f} {unit}".rstrip()
 

@@ -10,6 +10,7 @@ import pytest
 
 from tests.acceptance.server import Server, running_server, until
 from tests.browser.browser import PROGRAM, chromium, opened
+from tests.service.learned import dataset_bytes
 
 if TYPE_CHECKING:
     from playwright.sync_api import Browser, Page
@@ -212,14 +213,48 @@ def test_a_schedule_is_added_paused_run_and_deleted(page: Page) -> None:
     page.locator("#schedules section").wait_for(state="detached")
 
 
+def test_a_model_is_trained_from_the_page_and_steered_by(page: Page) -> None:
+    page.goto("/models")
+    page.get_by_role("button", name="Train", exact=True).click()
+    page.locator("[data-field=data][aria-invalid=true]").wait_for()
+    file = {"name": "data.npz", "mimeType": "application/octet-stream", "buffer": b"no data set"}
+    page.get_by_label("Send one in").set_input_files(files=[file])
+    page.locator("#messages", has_text="cannot be used as a data set").wait_for()
+    page.get_by_label("Send one in").set_input_files(files=[{**file, "buffer": dataset_bytes()}])
+    page.locator("#messages", has_text="80 rows of 2 insertions").wait_for()
+    page.get_by_label("Kind").select_option("linear")
+    assert not page.get_by_label("Nodes").is_visible()
+    page.get_by_label("Kind").select_option("elm")
+    page.get_by_label("Nodes").fill("2.5")
+    page.get_by_label("Name").fill("from the page")
+    page.get_by_role("button", name="Train", exact=True).click()
+    page.locator("[data-field=nodes][aria-invalid=true]").wait_for()
+    page.get_by_label("Nodes").fill("12")
+    page.get_by_role("button", name="Train", exact=True).click()
+    page.wait_for_url(re.compile("/jobs/[0-9a-z]+$"))
+    ended(page)
+    page.get_by_role("link", name="Look at the model").click()
+    page.get_by_role("heading", name="from the page.json").wait_for()
+    assert page.locator(".errors rect").count() == 6
+    page.get_by_role("button", name="Keep", exact=True).click()
+    page.get_by_role("button", name="Keep no longer").click()
+    page.get_by_role("button", name="Delete").wait_for()
+    page.get_by_role("link", name="Steer by it").click()
+    page.get_by_role("button", name="Submit", exact=True).click()
+    page.wait_for_url(re.compile("/jobs/[0-9a-z]+$"))
+    page.goto("/models")
+    page.get_by_role("link", name="from the page.json").first.click()
+    page.locator("#used tbody tr").wait_for()
+
+
 def test_the_keyboard_reaches_the_main_actions_in_order(page: Page) -> None:
     reached = []
-    for _ in range(10):
+    for _ in range(11):
         page.keyboard.press("Tab")
         reached.append(page.evaluate("document.activeElement.textContent.trim()"))
         outline = page.evaluate("getComputedStyle(document.activeElement).outlineStyle")
         assert outline != "none", reached
-    assert reached[:9] == [
+    assert reached[:10] == [
         "Skip to the content",
         "needlebench",
         "Jobs",
@@ -228,6 +263,7 @@ def test_the_keyboard_reaches_the_main_actions_in_order(page: Page) -> None:
         "Schedules",
         "Trends",
         "Compare",
+        "Models",
         "Submit a job",
     ]
     page.goto("/submit")
@@ -246,7 +282,8 @@ def test_the_keyboard_reaches_the_main_actions_in_order(page: Page) -> None:
 def test_text_has_contrast_light_and_dark_and_nothing_overflows(browser: Browser, server: Server, scheme: str) -> None:
     done, broken = (server.client.wait(server.client.submit({"name": name}).id).id for name in ("quick", "broken"))
     with opened(browser, server.url, color_scheme=scheme) as page:
-        for address in ("/", "/submit", "/campaigns", "/schedules", "/compare", f"/jobs/{done}", f"/jobs/{broken}"):
+        lists = ("/", "/submit", "/campaigns", "/schedules", "/compare", "/models", "/models/elm")
+        for address in (*lists, f"/jobs/{done}", f"/jobs/{broken}"):
             page.goto(address)
             for width in (1280, 800):
                 page.set_viewport_size({"width": width, "height": 720})

@@ -14,6 +14,7 @@ from service.app import create_app
 from service.core import Service
 from service.jobs import Artefact, Job, Outcome
 from service.settings import Settings
+from service.train_job import MODEL, train_job
 from service.worker import describe
 
 HERE = "http://127.0.0.1:8321"
@@ -26,6 +27,18 @@ def idle_service(data: Path, **settings: Any) -> Iterator[tuple[TestClient, Serv
         yield TestClient(create_app(service), base_url=HERE, raise_server_exceptions=False), service
     finally:
         service.store.close()
+
+
+def finish_training(service: Service) -> Job:
+    """Claim the next job, a training, and do it as a worker and its slot would."""
+    job = service.store.claim()
+    assert job is not None
+    folder = service.settings.data / job.folder
+    folder.mkdir(parents=True)
+    result = train_job({**(job.spec or {}), "job_id": job.id, "uploads": str(service.settings.uploads)}, folder)
+    service.uploads.keep_made(folder / MODEL, job, result["model"])
+    found = tuple(Artefact(**file, path=f"{job.folder}/{file['name']}") for file in describe(folder))
+    return service.store.finish(job, Outcome(state="succeeded", result=result, artefacts=found))
 
 
 def finish(service: Service, *, files: bool = True) -> Job:

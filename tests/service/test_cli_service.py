@@ -28,6 +28,7 @@ COMMANDS = (
     "doctor",
     "upload",
     "uploads",
+    "models",
     "key",
 )
 

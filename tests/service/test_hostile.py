@@ -18,10 +18,11 @@ import numpy as np
 import pytest
 
 from tests.acceptance.server import Server, running_server
+from tests.service.learned import dataset_bytes, model_bytes
 
 pytestmark = pytest.mark.slow
 
-JOBS, UPLOADS = "/api/v1/jobs", "/api/v1/uploads"
+JOBS, UPLOADS, MODELS = "/api/v1/jobs", "/api/v1/uploads", "/api/v1/models"
 JSON = {"Content-Type": "application/json"}
 OWN_FILES = {"endpoint.json", "needlebench.sqlite", "needlebench.sqlite-shm", "needlebench.sqlite-wal", "server.lock",
              "warm.lock", "uploads", "jobs"}  # fmt: skip
@@ -102,7 +103,10 @@ def test_a_scenario_names_no_file_of_the_servers_disk(server: Server, place: Pat
         "/recordings/../secret.rrd", "/recordings/%2e%2e%2fsecret.rrd",
         f"{UPLOADS}/%2e%2e%2fneedlebench.sqlite/content",
         f"{UPLOADS}/../needlebench.sqlite", f"{UPLOADS}/{'0' * 64}.vtk%00/content", f"{JOBS}/{'a' * 33}",
-        f"{JOBS}/a'%20OR%201=1--", "//secret.json", "/login/../secret.json", f"{UPLOADS}/{'0' * 64}.vtk/content",
+        f"{JOBS}/a'%20OR%201=1--", "//secret.json", "/login/../secret.json",
+        f"{MODELS}/../../../secret.json", f"{MODELS}/%2e%2e%2fsecret.json/content", f"{MODELS}/elm%00",
+        f"{MODELS}/{'0' * 64}.json", f"{MODELS}/{'0' * 64}.json/content", f"{MODELS}/{'0' * 64}.npz", f"{MODELS}/train",
+        f"{MODELS}/elm.json", f"{MODELS}/forest/content", f"{MODELS}/{'a' * 200}", f"{UPLOADS}/{'0' * 64}.vtk/content",
     ],
 )  # fmt: skip
 def test_no_path_leads_out_of_the_data_folder(server: Server, path: str) -> None:
@@ -151,12 +155,17 @@ def objects() -> bytes:
 @pytest.mark.parametrize(
     ("name", "kind", "body", "status"),
     [
-        ("model.npz", "model", npz("w.npy", b"\x00" * 300_000_000), 422),
-        ("model.npz", "model", objects(), 422),
-        ("model.npz", "model", npz("../../../secret.json", b"{}"), 422),
-        ("model.npz", "model", pickle.dumps({"a": 1}), 422),
+        ("data.npz", "dataset", npz("w.npy", b"\x00" * 300_000_000), 422),
+        ("data.npz", "dataset", objects(), 422),
+        ("data.npz", "dataset", npz("../../../secret.json", b"{}"), 422),
+        ("data.npz", "dataset", pickle.dumps({"a": 1}), 422),
+        ("data.npz", "dataset", dataset_bytes()[:-2000], 422),
         ("model.pkl", "model", pickle.dumps({"a": 1}), 415),
         ("model.json", "model", b"[" * 1_000_000, 422),
+        ("model.json", "model", pickle.dumps({"a": 1}), 422),
+        ("model.json", "model", b'{"format": "needlebench/model", "version": 1, "kind": "__class__"}', 422),
+        ("model.json", "model", model_bytes("elm", nodes=3).replace(b'"inputs": 6', b'"inputs": 60'), 422),
+        ("model.json", "model", model_bytes("elm", nodes=3).replace(b'"nodes": 3', b'"nodes": 9999'), 422),
         ("mesh.msh", "mesh", b"$MeshFormat\n4.1 0 8\n$EndMeshFormat\n$Nodes\n1 999999999999 1 999999999999\n", 422),
         ("mesh.vtk", "mesh", b"# vtk DataFile Version 3.0\nx\nASCII\nDATASET UNSTRUCTURED_GRID\nPOINTS 9e99 f\n", 422),
         ("mesh.vtu", "mesh", b'<!DOCTYPE a [<!ENTITY b SYSTEM "file:///etc/passwd">]><VTKFile>&b;</VTKFile>', 422),
@@ -164,12 +173,40 @@ def objects() -> bytes:
         ("../mesh.msh", "mesh", b"x", 422),
         ("mesh.msh", "mesh", b"x" * 65_000_000, 413),
     ],
-    ids=["npz bomb", "objects", "path inside", "pickle as npz", "pickle", "deep json", "endless nodes", "huge count",
-         "entity", "include", "path", "long"],
+    ids=["npz bomb", "objects", "path inside", "pickle as npz", "cut npz", "pickle", "deep json", "pickle as json",
+         "strange kind", "wide model", "short model", "endless nodes", "huge count", "entity", "include", "path",
+         "long"],
 )  # fmt: skip
 def test_a_hostile_file_is_refused(server: Server, name: str, kind: str, body: bytes, status: int) -> None:
     path = f"{UPLOADS}?kind={kind}&name={name}"
     assert ask(server, "POST", path, body, {"Content-Type": "application/octet-stream"}) == status
+
+
+DATA = "artefact:" + "0" * 64 + ".npz"
+
+
+@pytest.mark.parametrize(
+    "body",
+    [
+        {}, {"data": None}, {"data": "{place}/secret.json"}, {"data": "../secret.npz"}, {"data": DATA},
+        {"data": DATA + "/../../secret.npz"}, {"data": DATA + "\n"}, {"data": DATA, "kind": "os"},
+        {"data": DATA, "nodes": 10**30}, {"data": DATA, "nodes": True}, {"data": DATA, "nodes": 25.5},
+        {"data": DATA, "ridge": "1"}, {"data": DATA, "hidden": [[1]]}, {"data": DATA, "hidden": []},
+        {"data": DATA, "kind": "mlp", "hidden": [1] * 6}, {"data": DATA, "samples": -1}, {"data": DATA, "seed": -1},
+        {"data": DATA, "kind": "linear", "nodes": 5}, {"data": DATA, "name": "\u0000"},
+        {"data": DATA, "name": "a" * 101},
+        {"data": DATA, "timeout_s": 1e9}, {"data": DATA, "priority": 1e300}, {"data": DATA, "trainer": "os.system"},
+        [DATA], "train", None,
+    ],
+)  # fmt: skip
+def test_a_hostile_training_is_refused(server: Server, place: Path, body: Any) -> None:
+    text = json.dumps(body).replace("{place}", str(place))
+    assert ask(server, "POST", f"{MODELS}/train", text, JSON) == 422
+
+
+@pytest.mark.parametrize("body", [b'{"ridge": NaN}', b'{"nodes": 1e999}', b"[" * 100_000, b'{"data": "\xff"}', b""])
+def test_a_training_that_is_no_json_is_refused(server: Server, body: bytes) -> None:
+    assert ask(server, "POST", f"{MODELS}/train", body, JSON) in (400, 422)
 
 
 @pytest.mark.parametrize(

@@ -30,6 +30,13 @@ OPERATIONS = {
     "get_upload": "GET /api/v1/uploads/{upload_id}",
     "get_upload_content": "GET /api/v1/uploads/{upload_id}/content",
     "delete_upload": "DELETE /api/v1/uploads/{upload_id}",
+    "pin_upload": "POST /api/v1/uploads/{upload_id}/pin",
+    "unpin_upload": "DELETE /api/v1/uploads/{upload_id}/pin",
+    "list_models": "GET /api/v1/models",
+    "train_model": "POST /api/v1/models/train",
+    "get_model": "GET /api/v1/models/{model_id}",
+    "get_model_content": "GET /api/v1/models/{model_id}/content",
+    "list_controllers": "GET /api/v1/controllers",
     "list_keys": "GET /api/v1/keys",
     "create_key": "POST /api/v1/keys",
     "get_key": "GET /api/v1/keys/{key_id}",
@@ -98,6 +105,7 @@ def test_every_reference_leads_somewhere_and_the_request_has_examples(document: 
         assert part.partition('"')[0] in schemas
     assert "HTTPValidationError" not in schemas
     assert len(schemas["JobRequest"]["examples"]) == 2
+    assert len(schemas["TrainRequest"]["examples"]) == 2
 
 
 def test_every_operation_names_its_scope(document: dict[str, Any]) -> None:

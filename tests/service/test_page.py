@@ -1,5 +1,6 @@
 from __future__ import annotations
 
+import json
 import re
 from collections import Counter
 from collections.abc import Iterator
@@ -17,10 +18,12 @@ from service.core import Service
 from service.jobs import Outcome
 from service.web import assets, words
 from service.web.form import Group, paths, scenario_form
+from service.web.models import errors_drawing
 from simcore.errors import ScenarioError
 from simcore.presets import preset_names, with_changes
 from simcore.scenario import Scenario
-from tests.service.http import finish, idle_service
+from tests.service.http import finish, finish_training, idle_service
+from tests.service.learned import dataset_bytes, model_bytes
 
 HOSTILE = "<script>alert(1)</script>\"'&"
 VOID = {"area", "base", "br", "col", "hr", "img", "input", "link", "meta", "source"}
@@ -70,6 +73,7 @@ def site(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Site]:
         http.post(f"/api/v1/schedules/{schedule}/trigger")
         queued = http.post("/api/v1/jobs", json={"scenario": "replay"}).json()["id"]
         failed = _failed(http, service)
+        trained, training, model = _trained(http, service)
         a, b = ended
         where = {
             "/": "jobs",
@@ -87,12 +91,39 @@ def site(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Site]:
             "/schedules": "schedules",
             "/trends": "trends",
             f"/trends/{quote(HOSTILE, safe='')}": "a trend",
+            "/models": "models",
+            "/models/elm": "a model that comes along",
+            f"/models/{trained}": "a model that was trained here",
+            f"/models/{model}": "a model that was sent in",
+            f"/jobs/{training}": "a training that is done",
+            f"/submit?from={trained}": "form from a model",
+            "/submit?from=mlp": "form from a model that comes along",
             "/compare": "comparison",
             f"/compare?a={a}": "comparison, half chosen",
             f"/compare?a={a}&b={b}": "two campaigns",
             f"/compare?a={a}&first=ifem&second=open_loop": "two controllers",
         }
         yield http, service, where
+
+
+def _trained(http: TestClient, service: Service) -> tuple[str, str, str]:
+    """A model that was trained, the job of its training, and a model that was sent in and is steered by."""
+
+    def send(data: bytes, kind: str, name: str) -> str:
+        answer = http.post("/api/v1/uploads", params={"kind": kind, "name": name}, content=data)
+        reference: str = answer.json()["reference"]
+        return reference
+
+    data = send(dataset_bytes(), "dataset", "data.npz")
+    body = {"data": data, "name": HOSTILE, "priority": 100}
+    training = http.post("/api/v1/models/train", json=body).json()["id"]
+    trained = (finish_training(service).metrics or {})["model"]
+    told = json.loads(model_bytes("linear"))
+    told["provenance"]["data_commit"] = HOSTILE
+    model = send(json.dumps(told).encode(), "model", "sent in.json")
+    steer = {"name": "steered", "controller": {"kind": "linear", "model": model}}
+    http.post("/api/v1/jobs", json={"scenario": steer})
+    return trained, training, model.removeprefix("artefact:")
 
 
 def _failed(http: TestClient, service: Service) -> str:
@@ -176,7 +207,14 @@ def test_hostile_names_stay_text(site: Site) -> None:
 
 def test_what_is_not_there_has_a_page(site: Site) -> None:
     http, _, _ = site
-    for address in ("/jobs/0", "/campaigns/0", "/trends/none", "/submit?from=nothing", "/jobs/%3Cb%3E"):
+    for address in (
+        "/jobs/0",
+        "/campaigns/0",
+        "/models/forest",
+        "/trends/none",
+        "/submit?from=nothing",
+        "/jobs/%3Cb%3E",
+    ):
         answer = http.get(address)
         assert answer.status_code in (404, 422)
         assert "<b>" not in answer.text or "html" not in answer.headers["content-type"]
@@ -188,6 +226,39 @@ def test_login_shows_a_way_out(site: Site) -> None:
     http, _, _ = site
     assert "Log out" not in http.get("/").text
     assert "Log out" in http.get("/", headers={"Cookie": "needlebench_session=x"}).text
+
+
+def test_the_page_of_a_model_says_how_it_was_trained_and_who_steers_by_it(site: Site) -> None:
+    http, _, pages = site
+    of = {text: address for address, text in pages.items()}
+    elm = http.get("/models/elm").text
+    assert 'aria-label="Root mean square error of Delta P in mm' in elm
+    assert elm.count("<rect") == 6
+    assert "0.318 mm" in elm
+    assert "9000" in elm
+    used = http.get(of["a model that was sent in"]).text
+    assert ">steered</a>" in used
+    trained = http.get(of["a model that was trained here"]).text
+    assert f'href="{of["a training that is done"]}"' in trained
+    assert "None yet." in trained
+    done = http.get(of["a training that is done"]).text
+    assert f'href="{of["a model that was trained here"]}"' in done
+    assert "Recording" not in done
+    listed = http.get("/models").text
+    assert listed.count("Steer<span") == 5
+    assert "data.npz: 80 rows, 2 insertions" in listed
+
+
+def test_errors_are_drawn_to_scale() -> None:
+    drawing = errors_drawing([0.1, 0.0, 0.2], [0.2, 0.1, 0.4])
+    assert drawing is not None
+    widths = [bar.width for bar in drawing.bars]
+    assert max(widths) == widths[5]
+    assert [width / widths[5] for width in widths] == pytest.approx([0.25, 0.5, 0.0, 0.25, 0.5, 1.0], abs=1e-3)
+    assert errors_drawing(None, [0.1] * 3) is None
+    flat = errors_drawing([0.0] * 3, [0.0] * 3)
+    assert flat is not None
+    assert {bar.width for bar in flat.bars} == {0.0}
 
 
 # ---- static files

@@ -17,7 +17,8 @@ from service.jobs import Outcome
 from service.retention import Policy, clear, seconds_of
 from service.store import Store
 from simcore.errors import ScenarioError
-from tests.service.http import idle_service
+from tests.service.http import finish_training, idle_service
+from tests.service.learned import dataset_bytes, model_bytes
 
 DAY = 86400.0
 
@@ -121,6 +122,98 @@ def test_folders_without_a_job_and_of_earlier_attempts_are_swept(both: tuple[Tes
     assert clear(service.store, folder, Policy(), dry_run=False).orphans == (f"{job}/1",)
     assert sorted(os.listdir(folder)) == sorted([kept, job])
     assert os.listdir(folder / job) == ["2"]
+
+
+class Sent:
+    """Uploads of a service whose clock a test sets, by what a test calls them."""
+
+    def __init__(self, http: TestClient, service: Service) -> None:
+        self._http, self._service = http, service
+        self.clock = Clock()
+        self.ids: dict[str, str] = {}
+        service.store._now = self.clock
+
+    def send(self, name: str, data: bytes, *, day: float = 10.0) -> str:
+        self.clock.day = day
+        kind, suffix = ("dataset", "npz") if name.startswith("data") else ("model", "json")
+        query = {"kind": kind, "name": f"{name}.{suffix}"}
+        answer = self._http.post("/api/v1/uploads", params=query, content=data)
+        assert answer.status_code == 201, answer.text
+        self.ids[name] = answer.json()["id"]
+        self.clock.day = 100.0
+        return f"artefact:{self.ids[name]}"
+
+    def cleared(self, *, dry_run: bool = False, **policy: float) -> set[str]:
+        """Which went, by what the test calls them; the files must agree."""
+        body = {"older_than_s": 30 * DAY, **policy, "dry_run": dry_run}
+        gone = set(self._http.post("/api/v1/gc", json=body).json()["uploads"])
+        there = {path.name for path in self._service.settings.uploads.iterdir()}
+        listed = {item["id"] for item in self._http.get("/api/v1/uploads").json()["items"]}
+        assert there == listed
+        assert bool(gone & there) is (dry_run and bool(gone))
+        return {name for name, upload_id in self.ids.items() if upload_id in gone}
+
+
+def steer(model: str) -> dict[str, object]:
+    return {"trajectory": {"kind": "line"}, "controller": {"kind": "linear", "model": model}}
+
+
+def test_uploads_go_by_age_unless_something_names_them(both: tuple[TestClient, Service]) -> None:
+    http, service = both
+    sent = Sent(http, service)
+    names = ("unused", "pinned", "by_job", "by_campaign", "by_schedule")
+    named = {name: sent.send(name, model_bytes("linear", ridge=1.0 + i)) for i, name in enumerate(names)}
+    sent.send("young", model_bytes("linear", ridge=0.9), day=90.0)
+    http.post(f"/api/v1/uploads/{sent.ids['pinned']}/pin")
+    job = http.post("/api/v1/jobs", json={"scenario": steer(named["by_job"])})
+    assert job.status_code == 202, job.text
+    grid = {"scenario": steer(named["by_campaign"]), "grid": {"seed": [0]}}
+    assert http.post("/api/v1/campaigns", json=grid).status_code == 202
+    nightly = {"scenario": steer(named["by_schedule"]), "grid": {"seed": [0]}}
+    made = http.post("/api/v1/schedules", json={"name": "nightly", "cron": "0 2 * * *", "campaign": nightly})
+    assert made.status_code == 201, made.text
+    assert sent.cleared(dry_run=True) == {"unused"}
+    assert sent.cleared() == {"unused"}
+    http.post(f"/api/v1/jobs/{job.json()['id']}/cancel")
+    assert sent.cleared() == set()  # the job has ended, and stays
+    sent.clock.day = 200.0
+    assert sent.cleared(dry_run=True) == {"by_job", "young"}  # it would go, and nothing else names the model
+    assert sent.cleared() == {"by_job", "young"}
+    assert http.post("/api/v1/gc", json={"max_bytes": 0}).json()["uploads"] == []
+    assert http.delete(f"/api/v1/schedules/{made.json()['id']}").status_code == 204
+    http.delete(f"/api/v1/uploads/{sent.ids['pinned']}/pin")
+    assert sent.cleared() == {"pinned", "by_schedule"}
+
+
+def test_a_data_set_stays_as_long_as_a_model_that_learned_from_it(both: tuple[TestClient, Service]) -> None:
+    http, service = both
+    sent = Sent(http, service)
+    data = sent.send("data", dataset_bytes())
+    sent.send("data_unused", dataset_bytes(seed=1))
+    sent.clock.day = 20.0
+    job = http.post("/api/v1/models/train", json={"data": data}).json()["id"]
+    sent.ids["trained"] = (finish_training(service).metrics or {})["model"]
+    http.post(f"/api/v1/jobs/{job}/pin")
+    sent.clock.day = 100.0
+    assert sent.cleared() == {"data_unused"}
+    http.delete(f"/api/v1/jobs/{job}/pin")
+    http.post(f"/api/v1/uploads/{sent.ids['trained']}/pin")
+    assert sent.cleared() == set()
+    assert service.store.ids() == set()
+    http.delete(f"/api/v1/uploads/{sent.ids['trained']}/pin")
+    assert sent.cleared() == {"trained", "data"}
+
+
+def test_a_file_without_a_row_is_swept(both: tuple[TestClient, Service]) -> None:
+    """What a kill between the two leaves."""
+    http, service = both
+    sent = Sent(http, service)
+    sent.send("model", model_bytes("linear"))
+    left = service.settings.uploads / ("0" * 64 + ".npz")
+    left.write_bytes(b"left")
+    told = gc("--data", str(service.settings.data), "--json")
+    assert json.loads(told.output)["uploads"] == []
+    assert {path.name for path in service.settings.uploads.iterdir()} == {sent.ids["model"]}
 
 
 def test_over_http_and_on_the_command_line(both: tuple[TestClient, Service]) -> None:

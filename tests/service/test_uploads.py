@@ -19,6 +19,7 @@ from service.core import Service
 from service.limits import Limits
 from service.upload_check import BadUpload, look_into
 from tests.service.http import finish, idle_service
+from tests.service.learned import dataset_bytes, model_bytes
 from tests.simcore.test_mesh_file import write_box
 
 UPLOADS = "/api/v1/uploads"
@@ -126,6 +127,9 @@ def test_a_name_is_a_label_and_no_path(http: TestClient, tmp_path: Path, name: s
         ("box", "mesh", ""),
         ("model.npz", "mesh", ""),
         ("model.pkl", "model", ""),
+        ("model.npz", "model", ""),
+        ("data.json", "dataset", ""),
+        ("data.pkl", "dataset", ""),
         ("box.vtk", "model", ""),
         ("box.vtk", "mesh", "application/json"),
         ("box.vtk", "mesh", "multipart/form-data; boundary=x"),
@@ -156,17 +160,79 @@ def test_content_that_is_not_what_its_suffix_says_is_refused_and_leaves_nothing(
     assert list(service.settings.uploads.iterdir()) == []
 
 
-def test_a_model_is_arrays_or_json(http: TestClient) -> None:
-    told = send(http, arrays(w=np.zeros((3, 4)), b=np.float32(2)), "elm.npz", "model").json()
-    assert told["content"] == {"arrays": {"w": [3, 4], "b": []}}
-    told = send(http, b'{"b": 1, "a": [1, 2]}', "elm.json", "model").json()
-    assert told["content"] == {"members": ["a", "b"]}
+def test_what_is_in_a_model_and_in_a_data_set_is_told(http: TestClient) -> None:
+    told = send(http, dataset_bytes(rows=40), "data.npz", "dataset").json()["content"]
+    assert told["splits"] == {"sample": [72, 8], "trajectory": [40, 40]}
+    assert (told["rows"], told["insertions"], told["drawn"], told["seed"]) == (80, 2, 80, 0)
+    told = send(http, model_bytes("elm", nodes=3), "elm.json", "model").json()["content"]
+    assert (told["kind"], told["inputs"], told["outputs"], told["settings"]["nodes"]) == ("elm", 6, 3, 3)
+    assert told["provenance"]["train_rows"] == 72
 
 
 def looked(folder: Path, data: bytes, suffix: str = ".npz") -> Any:
     path = folder / f"file{suffix}"
     path.write_bytes(data)
-    return look_into(path, "model")
+    return look_into(path, "dataset" if suffix == ".npz" else "model")
+
+
+def changed(data: bytes, **changes: Any) -> bytes:
+    return json.dumps({**json.loads(data), **changes}).encode()
+
+
+@pytest.mark.parametrize(
+    ("changes", "told"),
+    [
+        ({"format": "needlebench/other"}, "its format is"),
+        ({"version": 2}, "of version 2"),
+        ({"kind": "forest"}, "known are elm"),
+        ({"kind": "linear"}, "has settings that cannot be"),
+        ({"kind": ["elm"]}, "known are elm"),
+        ({"inputs": 7}, "has 7 inputs and 3 outputs"),
+        ({"outputs": None}, "outputs; a controller needs 6 and 3"),
+        ({"settings": {"nodes": 4}}, "has the shape"),
+        ({"settings": {"nodes": 10**12}}, "settings that cannot be"),
+        ({"settings": {"nodes": 3.0}}, "its setting nodes is '3.0', where 25 would be one"),
+        ({"settings": {"nodes": 3, "seed": "<b>"}}, "its setting seed"),
+        ({"settings": {"nodes": 3, "seed": 10**400}}, "its seed is 1000"),
+        ({"settings": {"nodes": 3, "ridge": True}}, "its setting ridge"),
+        ({"settings": None}, "settings that cannot be"),
+        ({"arrays": {}}, "must have exactly the arrays"),
+        ({"arrays": None}, "must have exactly the arrays"),
+        ({"provenance": None}, "no provenance"),
+        ({"provenance": {"much": "x" * 300_000}}, "300 kB"),
+        ({"provenance": {"deep": 1e400}}, "not JSON|not finite"),
+    ],
+)
+def test_a_model_of_another_format_or_width_is_refused(tmp_path: Path, changes: dict[str, Any], told: str) -> None:
+    with pytest.raises(BadUpload, match=told):
+        looked(tmp_path, changed(model_bytes("elm", nodes=3), **changes), ".json")
+
+
+@pytest.mark.parametrize(
+    ("changes", "told"),
+    [
+        ({"format": np.array("other/1")}, "its format is other/1"),
+        ({"tip_m": np.zeros((80, 2))}, "tip_m is float64"),
+        ({"base_step_m": np.full((80, 3), np.nan)}, "80 rows that are not finite"),
+        ({"trajectory": np.zeros((80, 2), np.int64)}, "number of the insertion"),
+        ({"trajectory": np.full(80, 9)}, "names insertion 9"),
+        ({"trajectory": np.full(80, -1)}, "point of each insertion"),
+        ({"end_point_m": np.zeros(3)}, "point of each insertion"),
+        ({"drawn": np.array([99])}, "row numbers"),
+        ({"seed": np.array(-1)}, "non-negative"),
+        ({"seed": np.array([1, 2])}, "."),
+        ({"provenance": np.array("[]")}, "JSON object"),
+        ({"provenance": np.array("{}")}, "scenario_template"),
+        ({"provenance": np.array('{"scenario_template": {}, "path_box_mm": 1}')}, "lacks dt_s"),
+        ({"provenance": np.array('{"a": NaN}')}, "not finite"),
+        ({"provenance": np.array("{")}, "."),
+    ],
+)
+def test_a_data_set_that_cannot_be_learned_from_is_refused(tmp_path: Path, changes: dict[str, Any], told: str) -> None:
+    with np.load(io.BytesIO(dataset_bytes(rows=40))) as file:
+        data = arrays(**{**file, **changes})
+    with pytest.raises(BadUpload, match=told):
+        looked(tmp_path, data)
 
 
 def member(data: bytes, name: str = "w.npy", method: int = zipfile.ZIP_DEFLATED) -> bytes:
@@ -269,8 +335,8 @@ def test_what_a_dead_server_left_half_received_is_swept(tmp_path: Path) -> None:
 
 
 def test_all_uploads_together_have_a_limit(tmp_path: Path) -> None:
-    with idle_service(tmp_path / "data", limits=Limits(uploads_mb=0.001)) as (http, service):
-        text = [b'{"a": "' + letter * 600 + b'"}' for letter in (b"x", b"y")]
+    text = [model_bytes("linear", ridge=ridge) for ridge in (0.1, 0.2)]
+    with idle_service(tmp_path / "data", limits=Limits(uploads_mb=1.5e-6 * len(text[0]))) as (http, service):
         first = send(http, text[0], "a.json", "model")
         full = send(http, text[1], "b.json", "model")
         assert (first.status_code, full.status_code) == (201, 507)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import shutil
 from pathlib import Path
 from typing import Any
 
@@ -11,10 +12,14 @@ import pytest
 from click.testing import CliRunner, Result
 
 from service.cli import main
+from service.jobs import Outcome
 from service.verify import CannotVerify, changed, compare, first_difference
+from service.worker import run_job
 from simcore import artefacts
 from simcore.rollout import Rollout, digest, run
 from simcore.scenario import Scenario
+from tests.service.http import idle_service
+from tests.service.learned import model_bytes
 
 SHORT: dict[str, Any] = {
     "name": "short",
@@ -84,6 +89,52 @@ def test_what_is_no_result_is_bad_input(tmp_path: Path, content: str) -> None:
     path.write_text(content)
     told = needlebench("verify", str(path))
     assert (told.exit_code, "RESULT" in told.output) == (2, True)
+
+
+@pytest.fixture(scope="module")
+def steered(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, str]:
+    """A data folder with a job that steered by an uploaded model, and the id of the job."""
+    data = tmp_path_factory.mktemp("steered")
+    with idle_service(data) as (http, service):
+        query = {"kind": "model", "name": "mine.json"}
+        model = http.post("/api/v1/uploads", params=query, content=model_bytes("linear")).json()
+        controller = {"kind": "linear", "model": model["reference"]}
+        http.post("/api/v1/jobs", json={"scenario": {**SHORT, "controller": controller}})
+        job = service.store.claim()
+        assert job is not None
+        folder = data / job.folder
+        spec = {**(job.spec or {}), "job_id": job.id, "uploads": str(service.settings.uploads)}
+        folder.mkdir(parents=True)
+        service.store.finish(job, Outcome(state="succeeded", result=run_job(spec, folder)))
+    return data, job.id
+
+
+def test_a_job_that_names_an_upload_is_run_again_from_its_data_folder(steered: tuple[Path, str]) -> None:
+    data, job_id = steered
+    told = needlebench("verify", job_id, "--data", str(data))
+    assert (told.exit_code, told.output.splitlines()[0]) == (0, "identical: every bit of every state")
+    told = needlebench("verify", str(data / "jobs" / job_id / "1" / "result.json"))
+    assert told.output.startswith("identical")
+    told = needlebench("verify", "0123456789abcdef", "--data", str(data))
+    assert (told.exit_code, "there is no job" in told.output) == (2, True)
+
+
+def test_a_result_whose_upload_cannot_be_found_says_so(steered: tuple[Path, str], tmp_path: Path) -> None:
+    data, job_id = steered
+    for name in ("result.json", "series.npz"):
+        shutil.copy(data / "jobs" / job_id / "1" / name, tmp_path / name)
+    result = str(tmp_path / "result.json")
+    lost = needlebench("verify", result)
+    assert lost.exit_code == 2
+    assert "controller.model" in lost.output
+    assert "is an upload of a service" in lost.output
+    assert "--data" in lost.output
+    (tmp_path / "empty").mkdir()
+    empty = needlebench("verify", result, "--data", str(tmp_path / "empty"))
+    assert (empty.exit_code, "does not have it" in empty.output) == (2, True)
+    assert needlebench("verify", result, "--data", str(data)).output.startswith("identical")
+    nothing = needlebench("verify", job_id, "--data", str(tmp_path / "empty"))
+    assert (nothing.exit_code, "is no data folder" in nothing.output) == (2, True)
 
 
 def test_neither_a_file_nor_an_id(tmp_path: Path) -> None:

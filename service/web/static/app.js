@@ -1,11 +1,15 @@
 // What all pages share: requests, errors in words, buttons that act, fields that are wrong.
 
-/** Send a request; the answer as {ok, status, data}. A service that is away is an answer too. */
-export async function send(url, { method = "POST", body, headers = {} } = {}) {
+/** Send a request, of JSON or of a file; the answer as {ok, status, data}. A service that is away is an answer too. */
+export async function send(url, { method = "POST", body, file, headers = {} } = {}) {
   const options = { method, headers: { Accept: "application/json", ...headers } };
   if (body !== undefined) {
     options.body = JSON.stringify(body);
     options.headers["Content-Type"] = "application/json";
+  }
+  if (file !== undefined) {
+    options.body = file;
+    options.headers["Content-Type"] = "application/octet-stream";
   }
   try {
     const response = await fetch(url, options);
