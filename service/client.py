@@ -37,7 +37,13 @@ class Progress:
     steps: int
     depth_mm: float | None
     tip_error_mm: float | None
+    cross_track_mm: float | None
+    insertion_force_n: float | None
     eta_s: float | None
+
+    @classmethod
+    def of(cls, raw: Mapping[str, Any]) -> Self:
+        return cls(**{name: raw.get(name) for name in cls.__dataclass_fields__})  # type: ignore[arg-type]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -59,7 +65,7 @@ class JobStatus:
     @classmethod
     def of(cls, raw: Mapping[str, Any]) -> Self:
         named = {name: raw.get(name) for name in cls.__dataclass_fields__ if name not in ("raw", "progress")}
-        return cls(**named, progress=Progress(**raw["progress"]), raw=raw)  # type: ignore[arg-type]
+        return cls(**named, progress=Progress.of(raw["progress"]), raw=raw)  # type: ignore[arg-type]
 
     @property
     def terminal(self) -> bool:
@@ -88,7 +94,7 @@ class JobEvent:
     def of(cls, kind: str, raw: Mapping[str, Any]) -> Self:
         if kind != "progress":
             return cls(**raw)
-        progress = Progress(**{name: raw[name] for name in Progress.__dataclass_fields__})
+        progress = Progress.of(raw)
         return cls(id=None, kind=kind, job=raw["job"], attempt=raw["attempt"], progress=progress)
 
 

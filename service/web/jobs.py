@@ -16,6 +16,7 @@ from service.schemas import ArtefactView, EventView, JobRequest, JobSummary, Job
 from service.web.form import scenario_form
 from service.web.site import missing, page
 from simcore.presets import preset, preset_names
+from simcore.scenario_rules import without_derived
 
 router = APIRouter(include_in_schema=False)
 
@@ -87,10 +88,9 @@ def _start(service: Service, start: str | None) -> dict[str, Any] | None:
     if start in preset_names():
         return _chosen(start)
     try:
-        scenario: dict[str, Any] = (service.store.get(start).spec or {})["scenario"]
+        return without_derived((service.store.get(start).spec or {})["scenario"])
     except UnknownJob:
         return None
-    return scenario
 
 
 @router.get("/jobs/{job_id}")

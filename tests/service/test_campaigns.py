@@ -63,6 +63,13 @@ def ended(both: tuple[TestClient, Service], **how: Any) -> dict[str, Any]:
     return found
 
 
+def test_a_grid_over_element_sizes_takes_the_spacing_along(both: tuple[TestClient, Service]) -> None:
+    http, service = both
+    start(http, {"scenario": "line", "grid": {"tissue.element_size_mm": [6, 10]}})
+    specs = [job.spec or {} for job in (service.store.claim(), service.store.claim()) if job is not None]
+    assert sorted(spec["scenario"]["interaction"]["spacing_mm"] for spec in specs) == [6.0, 10.0]
+
+
 def test_a_campaign_makes_its_jobs_and_ends_with_them(both: tuple[TestClient, Service]) -> None:
     http, service = both
     made = start(http)

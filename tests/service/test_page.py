@@ -1,5 +1,6 @@
 from __future__ import annotations
 
+import json
 import re
 from collections import Counter
 from collections.abc import Iterator
@@ -172,6 +173,13 @@ def test_hostile_names_stay_text(site: Site) -> None:
         assert "<script>alert" not in text, address
         seen += "&lt;script&gt;alert(1)" in text
     assert seen >= 8
+
+
+def test_a_variant_of_a_job_lets_the_spacing_follow(site: Site) -> None:
+    http, service, _ = site
+    job = service.store.newest(state="succeeded")[-1].id
+    (given,) = Page(http.get(f"/submit?from={job}").text).values("data-given")
+    assert json.loads(given)["interaction"]["spacing_mm"] is None
 
 
 def test_what_is_not_there_has_a_page(site: Site) -> None:
