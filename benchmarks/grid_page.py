@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Iterable
 from typing import Any
 
 from benchmarks.paper.figures import COLOUR_OF, box_mark, pictures
@@ -35,8 +36,14 @@ def _best(points: list[Json]) -> Json | None:
 
 def _effect(effect: Json, name: str) -> Json:
     panels = _lines(effect) if effect["numeric"] else _boxes(effect)
-    groups = [(value, [s for s in effect["scores"] if s["group"] == value]) for value in effect["values"]]
-    return {**effect, "groups": groups, "pictures": pictures(panels, name=name, about="RMSE in mm;")}
+    groups = [(arm_name(value), [s for s in effect["scores"] if s["group"] == value]) for value in effect["values"]]
+    contrasts = [{**c, "group": arm_name(c["group"])} for c in effect["contrasts"]]
+    return {
+        **effect,
+        "contrasts": contrasts,
+        "groups": groups,
+        "pictures": pictures(panels, name=name, about="RMSE in mm;"),
+    }
 
 
 def _lines(effect: Json) -> list[Panel]:
@@ -50,9 +57,14 @@ def _lines(effect: Json) -> list[Panel]:
             lines.append(Line(arm_name(arm), x, [s["median_mm"] for s in mine], spread=spread))
     if not lines:
         return []
-    values = [abs(value) for line in lines for value in line.x]
-    wide = min(values) > 0.0 and max(values) >= WIDE * min(values)
-    return [Panel("Median RMSE", effect["field"], "RMSE, mm", tuple(lines), x_log=wide, y_zero=True)]
+    x_log, y_log = _wide(v for line in lines for v in line.x), _wide(v for line in lines for v in line.y)
+    return [Panel("Median RMSE", effect["field"], "RMSE, mm", tuple(lines), x_log=x_log, y_log=y_log, y_zero=not y_log)]
+
+
+def _wide(values: Iterable[float]) -> bool:
+    """Whether they need a logarithmic axis."""
+    known = sorted(values)
+    return known[0] > 0.0 and known[-1] >= WIDE * known[0]
 
 
 def _boxes(effect: Json) -> list[Panel]:

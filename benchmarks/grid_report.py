@@ -83,7 +83,7 @@ def _point(place: Mapping[str, Label], mine: Sequence[Row]) -> Json:
         "success": sum(row.success for row in mine) / len(mine),
         "median_mm": statistics.middle([row.rmse_mm for row in mine]),
         "worst_error_mm": max(row.ranked("max_error_mm") for row in mine),
-        "max_force_n": max(row.ranked("max_insertion_force_n") for row in mine),
+        "max_force_n": max((row.metrics.get("max_insertion_force_n") or math.nan for row in mine), default=math.nan),
         "step_ms": statistics.middle(steps) if steps else math.nan,
     }
 
