@@ -228,6 +228,11 @@ class Client(CampaignCalls):
                     raise Unreachable(f"the events from {self.url} broke off") from None
             time.sleep(_PAUSE_S)
 
+    def history(self, job_id: str) -> list[JobEvent]:
+        """What has happened to the job so far, without progress."""
+        items = self._json("GET", f"/api/v1/jobs/{job_id}/events")["items"]
+        return [JobEvent.of(item["kind"], item) for item in items]
+
     def _streamed(self, path: str, known: int) -> Iterator[JobEvent | None]:
         """The events of one connection after number `known`; None when there will be no more of them."""
         headers = {"Accept": "text/event-stream", **({"Last-Event-ID": str(known)} if known else {})}

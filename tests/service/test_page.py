@@ -326,7 +326,7 @@ def test_the_viewer_has_its_own_policy_and_no_link_to_elsewhere(
         b"<script>let one = 1;</script><script src='re_viewer.js'></script></html>"
     )
     content = dict.fromkeys(viewer_files.FILES, b"x" * 20_000) | {"index.html": page}
-    monkeypatch.setattr(viewer_files, "_served", lambda: content)
+    monkeypatch.setattr(viewer_files, "served", lambda: content)
     with idle_service(tmp_path) as (http, _):
         answer = http.get("/viewer/index.html")
         assert "fonts" not in answer.text
