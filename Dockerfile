@@ -3,7 +3,7 @@
 #   docker run --init -p 127.0.0.1:8321:8321 -v needlebench:/data -e NEEDLEBENCH_API_KEY=some-long-secret needlebench
 #
 # The key is required, since inside a container the service listens on every address. Jobs, results and recordings
-# live in the volume /data. The root may be read-only: add `--read-only --tmpfs /tmp`.
+# live in the volume /data. The root may be read-only: add `--read-only --tmpfs /tmp`. compose.yaml says all of this.
 
 FROM python:3.12-slim AS build
 ENV PIP_NO_CACHE_DIR=1 PIP_DISABLE_PIP_VERSION_CHECK=1

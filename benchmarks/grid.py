@@ -55,12 +55,13 @@ def _case(
     except ScenarioError as error:
         where = ", ".join(f"{path}={json.dumps(value)}" for path, value in point.items()) or "the base scenario"
         raise ScenarioError([Problem(p.field, p.value, f"{p.message} (at {where})") for p in error.problems]) from None
-    labels: dict[str, Label] = {path: _label(value) for path, value in point.items()}
+    labels: dict[str, Label] = {path: label(value) for path, value in point.items()}
     labels.setdefault("arm", scenario.controller.kind)
     if paths := [path for path in axes if path.startswith("trajectory.")]:
-        labels["path"] = " ".join(f"{_label(point[path])}" for path in paths)
+        labels["path"] = " ".join(f"{label(point[path])}" for path in paths)
     return Case(f"case-{index:05d}", scenario.resolved(), labels)
 
 
-def _label(value: Any) -> Label:
+def label(value: Any) -> Label:
+    """A value of an axis as the label of its cases."""
     return value if isinstance(value, str | int | float) and not isinstance(value, bool) else json.dumps(value)

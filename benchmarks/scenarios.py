@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from simcore.errors import ScenarioError
-from simcore.presets import preset, with_changes
+from simcore.presets import start, with_changes
 from simcore.scenario import Scenario
 
 QUICK_SHARE = 0.1  # of the path
@@ -16,8 +16,7 @@ QUICK_EDGE_MM = 10.0
 
 def measured(name: str, *, quick: bool, changes: tuple[str, ...] = ()) -> Scenario:
     """A built-in scenario with `PATH=VALUE` changes; `quick`: the first tenth of its path, in a coarse mesh."""
-    data = preset(name).resolved()
-    data["interaction"]["spacing_mm"] = None  # follows the mesh
+    data = start(name)
     if quick:
         data["tissue"]["element_size_mm"] = QUICK_EDGE_MM
         path = data["trajectory"]

@@ -189,13 +189,13 @@ def get_campaign_results(
     format: Annotated[str, Query(pattern="^(json|csv)$", description="json or csv")] = "json",
 ) -> Response:
     """As JSON with the statistics by group and controller, or as CSV with a line for each insertion that has ended."""
-    found = outcomes(service.campaigns.cases(campaign_id))
+    cases = service.campaigns.cases(campaign_id)
     if format == "csv":
         name = f"{campaign_id}.csv"
         headers = {"Content-Disposition": f'attachment; filename="{name}"'}
-        return Response(insertions_csv(rows(found)), media_type="text/csv; charset=utf-8", headers=headers)
+        return Response(insertions_csv(rows(outcomes(cases))), media_type="text/csv; charset=utf-8", headers=headers)
     campaign = service.campaigns.get(campaign_id)
-    return Response(campaign_report.json_text(campaign, found), media_type="application/json")
+    return Response(campaign_report.json_text(campaign, cases), media_type="application/json")
 
 
 @router.get(
@@ -206,9 +206,9 @@ def get_campaign_results(
     responses={200: {"description": "HTML.", "content": {"text/html": {}}}, **documented(404)},
 )
 def get_campaign_report(campaign_id: CampaignId, service: ServiceOf) -> Response:
-    """Tables, figures and tests of the paper's report over this campaign's insertions; also while it runs."""
+    """Tables, figures and tests over this campaign's insertions, of a grid point by point; also while it runs."""
     campaign = service.campaigns.get(campaign_id)
-    page = campaign_report.page(campaign, outcomes(service.campaigns.cases(campaign_id)))
+    page = campaign_report.page(campaign, service.campaigns.cases(campaign_id))
     return Response(page, media_type="text/html; charset=utf-8", headers=campaign_report.HEADERS)
 
 

@@ -19,7 +19,7 @@ from service.limits import Limits
 from service.upload_names import UploadLookup
 from simcore.errors import Problem, ScenarioError
 from simcore.files import names_mean
-from simcore.presets import preset
+from simcore.presets import start
 from simcore.scenario import Scenario
 
 LOW_PRIORITY = -10  # single jobs, which somebody waits for, go first
@@ -78,7 +78,7 @@ def suite_of(request: CampaignRequest) -> Suite:
     if request.suite is not None:
         return suite(request.suite, model=request.model)
     base = request.scenario or {}
-    data = preset(base).resolved() if isinstance(base, str) else base
+    data = start(base) if isinstance(base, str) else base
     return grid(data, request.grid or {}, name=request.name or "grid")
 
 

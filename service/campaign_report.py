@@ -1,4 +1,4 @@
-"""The paper's tables, tests and figures over the insertions of any campaign."""
+"""The report of a campaign: the paper's tables, tests and figures, or those of a parameter grid."""
 
 from __future__ import annotations
 
@@ -6,10 +6,14 @@ import json
 from collections.abc import Sequence
 from typing import Any
 
+from benchmarks import grid_page, grid_report
 from benchmarks.paper.page import html
+from benchmarks.paper.places import chosen
 from benchmarks.paper.records import Outcome
 from benchmarks.paper.report import document
-from service.campaigns import Campaign
+from benchmarks.paper.table import rows
+from service.campaign_results import outcomes
+from service.campaigns import Campaign, CampaignCase
 
 HEADERS = {  # a page without scripts that loads nothing
     "Content-Security-Policy": "default-src 'none'; style-src 'unsafe-inline'; img-src data:; frame-ancestors 'self'",
@@ -18,27 +22,37 @@ HEADERS = {  # a page without scripts that loads nothing
 }
 
 
-def report(campaign: Campaign, found: Sequence[Outcome]) -> dict[str, Any]:
-    """The report's data; of a running campaign that of the insertions that have ended."""
+def report(campaign: Campaign, cases: Sequence[CampaignCase]) -> dict[str, Any]:
+    """The report's data: of a grid its own, of a named suite the paper's; of a running campaign so far."""
+    found = outcomes(cases)
+    links = {case.case_id: f"/jobs/{case.job_id}" for case in cases if case.job_id is not None}
+    provenance = _provenance(campaign, found)
+    if axes := campaign.request.get("grid"):
+        return grid_report.document(found, axes, name=campaign.name, links=links, provenance=provenance)
+    telling = {case_id: links[case_id] for case_id, _ in chosen(rows(found)) if case_id in links}
+    return document(found, timing=found, recordings=telling, scale=campaign.name, provenance=provenance)
+
+
+def _provenance(campaign: Campaign, found: Sequence[Outcome]) -> dict[str, Any]:
     origin: dict[str, Any] = next((o.result["provenance"] for o in found if "provenance" in o.result), {})
     known: dict[str, Any] = {
         name: origin[name] for name in ("commit", "versions", "platform", "cpu", "cpu_count") if name in origin
     }
-    provenance: dict[str, Any] = {
+    return {
         "campaign": campaign.id,
         "suite": campaign.suite,
         "suite_sha256": campaign.suite_sha256,
         "insertions": f"{len(found)} of {campaign.cases}",
         **known,
     }
-    return document(found, timing=found, scale=campaign.name, provenance=provenance)
 
 
-def json_text(campaign: Campaign, found: Sequence[Outcome]) -> str:
+def json_text(campaign: Campaign, cases: Sequence[CampaignCase]) -> str:
     """The report as JSON."""
-    return json.dumps(report(campaign, found), allow_nan=False)
+    return json.dumps(report(campaign, cases), allow_nan=False)
 
 
-def page(campaign: Campaign, found: Sequence[Outcome]) -> str:
+def page(campaign: Campaign, cases: Sequence[CampaignCase]) -> str:
     """The report as one self-contained page."""
-    return html(report(campaign, found))
+    made = report(campaign, cases)
+    return grid_page.html(made) if made["schema"] == grid_report.SCHEMA else html(made)

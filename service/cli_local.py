@@ -19,19 +19,21 @@ WITHOUT_SUCCESS = 3
 def scenario(name: str | None, fields: bool) -> None:
     """List the built-in scenarios, or print the one called NAME as JSON with every field and its value.
 
+    A value of null follows other fields, as the spacing of the constraint points follows the element size.
+
     \b
     What there is:                needlebench scenario
     A file to change and run:     needlebench scenario demo > mine.json
     Every field, with its range:  needlebench scenario --fields
     """
     from simcore.parameters import markdown_table
-    from simcore.presets import preset, preset_names
+    from simcore.presets import preset_names, start
 
     if fields:
         click.echo(markdown_table())
         return
     if name is not None:
-        click.echo(json.dumps(preset(name).resolved(), indent=2))
+        click.echo(json.dumps(start(name), indent=2))
         return
     names = preset_names()
     for known, text in names.items():
@@ -96,11 +98,11 @@ def run(source: str, folder: Path, changes: tuple[str, ...], force: bool) -> Non
 def read_source(source: str) -> dict[str, Any]:
     """The scenario's JSON object, before defaults. Raises ScenarioError."""
     from simcore.errors import Problem, ScenarioError
-    from simcore.presets import preset, preset_names
+    from simcore.presets import preset_names, start
 
     if source != "-" and not Path(source).is_file():
         if source in preset_names():
-            return preset(source).resolved()
+            return start(source)
         known = ", ".join(preset_names())
         raise ScenarioError([Problem("SCENARIO", source, f"is neither a file nor a built-in scenario: {known}")])
     try:

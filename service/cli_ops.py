@@ -39,13 +39,14 @@ def gc(
 ) -> None:
     """Clear away jobs that have ended, with their results and recordings, unused uploads, and folders without a job.
 
-    Pinned jobs stay (POST /api/v1/jobs/JOB/pin). With --older-than, uploads of that age go too, unless they are pinned
-    or a job, campaign, schedule or model that stays names them. Without a rule only folders without a job go. A service
-    that runs on the data folder does the work itself.
+    Pinned jobs stay (needlebench pin JOB), and those of a campaign that runs. With --older-than, uploads of that age go
+    too, unless they are pinned or a job, campaign, schedule or model that stays names them. Without a rule only folders
+    without a job go. A service that runs on the data folder does the work itself.
 
     \b
     What would go:            needlebench gc --older-than 30d --dry-run
     Keep it small, by cron:   needlebench gc --older-than 90d --keep-last 100 --max-gb 50
+    By the service itself:    needlebench serve --keep-days 90 --keep-gb 50
     """
     from service.retention import Policy, seconds_of
     from service.settings import Settings

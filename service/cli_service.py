@@ -1,4 +1,4 @@
-"""The commands that start a service or talk to one: serve, submit, demo, jobs, show, cancel, retry."""
+"""The commands that start a service or talk to one: serve, submit, demo, jobs, cancel, retry."""
 
 from __future__ import annotations
 
@@ -53,6 +53,10 @@ class Serve(click.Command):
     help="How long running jobs may go on after SIGTERM or Ctrl-C; default 0: back into the queue at once.",
 )
 @click.option(
+    "--keep-days", type=click.FloatRange(1), metavar="DAYS", help="Once a day, jobs that ended longer ago go."
+)
+@click.option("--keep-gb", type=click.FloatRange(0), metavar="G", help="Then the oldest, until the rest holds no more.")
+@click.option(
     "--log-format",
     type=click.Choice(["text", "json"]),
     default="text",
@@ -62,7 +66,13 @@ class Serve(click.Command):
 )
 @data_option
 def serve(
-    host: str | None, port: int | None, drain_s: float, log_format: Literal["text", "json"], data: Path | None
+    host: str | None,
+    port: int | None,
+    drain_s: float,
+    keep_days: float | None,
+    keep_gb: float | None,
+    log_format: Literal["text", "json"],
+    data: Path | None,
 ) -> None:
     """Start the HTTP service and run the jobs that are submitted to it, until Ctrl-C.
 
@@ -74,6 +84,7 @@ def serve(
     One job at a time:        NEEDLEBENCH_WORKERS=1 needlebench serve
     With a folder of its own: needlebench serve --data ./data --port 9000
     For a log collector:      needlebench serve --log-format json --drain 60
+    Cleared daily, pins stay: needlebench serve --keep-days 90 --keep-gb 50
 
     Any address that others can reach needs a key, which clients then send as `Authorization: Bearer KEY`; started
     without one, the command prints the line to type. Keys that are kept, with scopes, come from another command:
@@ -89,7 +100,7 @@ def serve(
     from service import logs, server
     from service.settings import Settings
 
-    settings = Settings.load(data=data, host=host, port=port, drain_s=drain_s)
+    settings = Settings.load(data=data, host=host, port=port, drain_s=drain_s, keep_days=keep_days, keep_gb=keep_gb)
     logs.configure(log_format)
 
     def announce(url: str) -> None:
@@ -198,19 +209,6 @@ def jobs(state: str | None, limit: int, as_json: bool, url: str | None) -> None:
     with client_of(url) as client:
         for job in asked(lambda: list(client.jobs(state=state, limit=limit))):
             click.echo(json.dumps(job.raw) if as_json else _line(job))
-
-
-@click.command()
-@click.argument("job_id", metavar="JOB")
-@url_option
-def show(job_id: str, url: str | None) -> None:
-    """Print everything about one job as JSON: state, progress, scenario, result, links.
-
-    \b
-    Metrics only:             needlebench show JOB | jq .metrics
-    """
-    with client_of(url) as client:
-        click.echo(json.dumps(dict(asked(lambda: client.job(job_id)).raw), indent=2))
 
 
 @click.command()

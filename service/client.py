@@ -39,7 +39,13 @@ class Progress:
     steps: int
     depth_mm: float | None
     tip_error_mm: float | None
+    cross_track_mm: float | None
+    insertion_force_n: float | None
     eta_s: float | None
+
+    @classmethod
+    def of(cls, raw: Mapping[str, Any]) -> Self:
+        return cls(**{name: raw.get(name) for name in cls.__dataclass_fields__})  # type: ignore[arg-type]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -65,7 +71,7 @@ class JobStatus:
     @classmethod
     def of(cls, raw: Mapping[str, Any]) -> Self:
         named = {name: raw.get(name) for name in cls.__dataclass_fields__ if name not in ("raw", "progress")}
-        return cls(**named, progress=Progress(**raw["progress"]), raw=raw)  # type: ignore[arg-type]
+        return cls(**named, progress=Progress.of(raw["progress"]), raw=raw)  # type: ignore[arg-type]
 
     @property
     def terminal(self) -> bool:
@@ -95,7 +101,7 @@ class JobEvent:
     def of(cls, kind: str, raw: Mapping[str, Any]) -> Self:
         if kind != "progress":
             return cls(**raw)
-        progress = Progress(**{name: raw[name] for name in Progress.__dataclass_fields__})
+        progress = Progress.of(raw)
         return cls(id=None, kind=kind, job=raw["job"], attempt=raw["attempt"], progress=progress)
 
 
@@ -228,6 +234,11 @@ class Client(CampaignCalls, ModelCalls):
                 if time.monotonic() > give_up:
                     raise Unreachable(f"the events from {self.url} broke off") from None
             time.sleep(_PAUSE_S)
+
+    def history(self, job_id: str) -> list[JobEvent]:
+        """What has happened to the job so far, without progress."""
+        items = self._json("GET", f"/api/v1/jobs/{job_id}/events")["items"]
+        return [JobEvent.of(item["kind"], item) for item in items]
 
     def _streamed(self, path: str, known: int) -> Iterator[JobEvent | None]:
         """The events of one connection after number `known`; None when there will be no more of them."""

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Annotated, Any, cast
 
 from fastapi import Depends, Path, Request
 
+from service import retention
 from service.campaign_plan import Planner
 from service.campaign_store import CampaignStore
 from service.changes import Changes
@@ -51,7 +53,7 @@ class Service:
         engine, campaigns = Engine(settings, store, monitor, uploads), CampaignStore(store)
         schedules = ScheduleStore(store, campaigns)
         planner = Planner(uploads.lookup, settings.limits)
-        keeper = Keeper(campaigns, schedules, planner, poke=engine.poke)
+        keeper = Keeper(campaigns, schedules, planner, poke=engine.poke, sweep=_sweep_of(settings, store, uploads))
         return cls(
             settings=settings,
             store=store,
@@ -76,6 +78,17 @@ class Service:
         """Raises a problem of status 503 once no new work is taken."""
         if self.closing:
             raise HttpProblem(503, "the service is going down", headers={"Retry-After": "10"})
+
+
+def _sweep_of(settings: Settings, store: Store, uploads: Uploads) -> Callable[[], retention.Cleared] | None:
+    """What the settings say about clearing away old jobs and unused uploads; None if they say nothing."""
+    if settings.keep_days is None and settings.keep_gb is None:
+        return None
+    policy = retention.Policy(
+        older_than_s=None if settings.keep_days is None else settings.keep_days * 86_400,
+        max_bytes=None if settings.keep_gb is None else int(settings.keep_gb * 2**30),
+    )
+    return lambda: retention.clear(store, settings.jobs, policy, dry_run=False, uploads=uploads)
 
 
 async def _service_of(request: Request) -> Service:

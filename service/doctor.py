@@ -36,6 +36,7 @@ def examine(settings: Settings) -> list[Check]:
         lambda: _database(settings),
         lambda: _port(settings),
         _viewer,
+        lambda: _web_viewer(settings),
         _display,
     ]
     return [_made(look) for look in looks]
@@ -179,6 +180,25 @@ def _viewer() -> Check:
         return Check(name="viewer", level="ok", found=program())
     except ViewerError as error:
         return Check(name="viewer", level="bad", found="missing", advice=str(error))
+
+
+def _web_viewer(settings: Settings) -> Check:
+    """What the pages show recordings with: where it was kept, else as the wheel gives it."""
+    from service.viewer import ViewerError
+    from service.viewer_files import FILES, PROGRAM, WASM, kept, served
+
+    home = kept(settings.data)
+    try:
+        files = served() if home is None else {name: (home / name).read_bytes() for name in FILES}
+    except (OSError, ViewerError) as error:
+        advice = f"remove {home}: it is made anew" if home is not None else "pip install --force-reinstall rerun-sdk"
+        return Check(name="web viewer", level="bad", found=str(error), advice=advice)
+    where = "in the wheel" if home is None else str(home)
+    size = sum(map(len, files.values())) / 1e6
+    if not files[PROGRAM].startswith(WASM):
+        advice = "pip install --force-reinstall rerun-sdk" if home is None else f"remove {home}: it is made anew"
+        return Check(name="web viewer", level="bad", found=f"{where}: {PROGRAM} is damaged", advice=advice)
+    return Check(name="web viewer", level="ok", found=f"{where}, {size:.0f} MB")
 
 
 def _display() -> Check:

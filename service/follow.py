@@ -71,6 +71,8 @@ def _text(job: JobStatus) -> str:
     parts = [f"depth {now.depth_mm:.1f} mm"]
     if now.tip_error_mm is not None:
         parts.append(f"tip error {now.tip_error_mm:.2f} mm")
+    if now.insertion_force_n is not None:
+        parts.append(f"force {now.insertion_force_n:.2f} N")
     if now.eta_s is not None and not job.terminal:
         parts.append(f"{now.eta_s:.0f} s left")
     return ", ".join(parts)

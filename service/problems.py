@@ -120,7 +120,10 @@ def _on_http(request: Request, error: Exception) -> Response:
         detail = "there is nothing at this address"
     if error.status_code == 405:
         detail = f"{request.method} is not possible here"
-    return _reply(request, error.status_code, detail, headers=error.headers)
+    headers = dict(error.headers or {})
+    if "GET" in (allowed := headers.get("Allow", "").split(", ")):
+        headers["Allow"] = ", ".join(dict.fromkeys([*allowed, "HEAD"]))
+    return _reply(request, error.status_code, detail, headers=headers)
 
 
 def _on_request(request: Request, error: Exception) -> Response:

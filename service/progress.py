@@ -14,6 +14,9 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
+    import numpy as np
+    from numpy.typing import NDArray
+
     from simcore.records import Scene, StepRecord
     from simcore.rollout import Rollout
 
@@ -28,10 +31,12 @@ class ProgressFile:
         self._path = folder / NAME
         self._clock = clock
         self._steps = 0
+        self._line_m: NDArray[np.float64] | None = None  # (p, 3) world; where the tissue carries the path, None
         self._started = self._written = clock()
 
     def begin(self, scene: Scene, first: StepRecord) -> None:
         self._steps = scene.steps
+        self._line_m = scene.path_m if scene.scenario.trajectory.frame == "world" else None
         self._started = self._clock()
         self._write(first)
 
@@ -54,9 +59,16 @@ class ProgressFile:
             "steps": self._steps,
             "depth_mm": round(float(record.depth_m) * 1e3, 3),
             "tip_error_mm": round(float(np.linalg.norm(record.tip_m - record.target_m)) * 1e3, 4),
+            "cross_track_mm": self._cross_track_mm(record),
+            "insertion_force_n": round(float(record.insertion_force_n), 4),
             "eta_s": None if pace is None else round(pace * left, 1),
         }
         replace_text(self._path, json.dumps(progress))
+
+    def _cross_track_mm(self, record: StepRecord) -> float | None:
+        from simcore.trajectory import polyline_distance_m
+
+        return None if self._line_m is None else round(polyline_distance_m(record.tip_m, self._line_m) * 1e3, 4)
 
 
 def replace_text(path: Path, text: str) -> None:

@@ -6,9 +6,11 @@ import statistics
 from dataclasses import fields
 from typing import Any
 
-from sqlalchemy import Connection, Engine, Row, Select, bindparam, func, literal, select
+from sqlalchemy import Connection, Engine, Row, Select, bindparam, exists, func, literal, select
 
 from service import tables
+from service.campaign_tables import campaign, campaign_case
+from service.campaigns import RUNNING as CAMPAIGN_RUNNING
 from service.jobs import INSERTION, QUEUED, SUCCEEDED, TERMINAL, Artefact, Event, Job, UnknownJob
 
 JOB = tables.job
@@ -62,8 +64,14 @@ class Reads:
             return [to_job(row) for row in connection.execute(query)]
 
     def ended(self) -> list[Job]:
-        """Every job that has ended, without spec and result, the one that ended last first."""
-        query = select(*LISTED).where(JOB.c.state.in_(sorted(TERMINAL)))
+        """Every job that has ended and whose campaign, if it has one, has too; without spec and result, the one that
+        ended last first. The results of a campaign that runs are still in its jobs."""
+        needed = exists().where(
+            campaign_case.c.job_id == JOB.c.id,
+            campaign.c.id == campaign_case.c.campaign_id,
+            campaign.c.state == CAMPAIGN_RUNNING,
+        )
+        query = select(*LISTED).where(JOB.c.state.in_(sorted(TERMINAL)), ~needed)
         with self._engine.begin() as connection:
             return [
                 to_job(row) for row in connection.execute(query.order_by(JOB.c.finished_at.desc(), JOB.c.seq.desc()))

@@ -51,13 +51,19 @@ class JobRequest(BaseModel):
 
 
 class Progress(BaseModel):
-    """Where a running job is. eta_s is null before the first step and when it does not run."""
+    """Where a running job is. eta_s is null before the first step and when it does not run.
+
+    cross_track_mm: of the tip from the path; null where the tissue carries the path. insertion_force_n: along the
+    needle's base, positive pushes.
+    """
 
     fraction: float = Field(0.0, ge=0, le=1)
     step: int = 0
     steps: int
     depth_mm: float | None = None
     tip_error_mm: float | None = None
+    cross_track_mm: float | None = None
+    insertion_force_n: float | None = None
     eta_s: float | None = None
 
     @classmethod
@@ -214,7 +220,7 @@ class ScenarioInfo(BaseModel):
 
     name: str
     description: str
-    scenario: dict[str, Any] = Field(description="Fully resolved.")
+    scenario: dict[str, Any] = Field(description="Every field; null where other fields settle it.")
 
 
 class ScenarioList(BaseModel):

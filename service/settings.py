@@ -60,6 +60,7 @@ class Settings:
     data: folder of the database, the results and the recordings. port: None = the default one or the next free.
     minimum_free_bytes: room on the disk below which no job is begun.
     drain_s: how long running jobs may go on once the service was told to end; then they go back into the queue.
+    keep_days, keep_gb: once a day jobs that ended longer ago go, then the oldest until the rest fits; None = no rule.
     runner: `module:function` that does a job in a worker process; tests replace it.
     """
 
@@ -70,6 +71,8 @@ class Settings:
     api_key: str | None = field(default=None, repr=False)
     minimum_free_bytes: int = MINIMUM_BYTES
     drain_s: float = 0.0
+    keep_days: float | None = None
+    keep_gb: float | None = None
     limits: Limits = field(default_factory=Limits)
     runner: str = RUNNER
 
@@ -84,6 +87,8 @@ class Settings:
             problems.append(Problem("NEEDLEBENCH_MINIMUM_FREE_MB", value, "must be 0 or more"))
         if not 0 <= self.drain_s <= 86400:
             problems.append(Problem("--drain", self.drain_s, "must be 0 to 86400 s"))
+        problems.extend(_keep_problem("NEEDLEBENCH_KEEP_DAYS", self.keep_days, least=1, most=36_500))
+        problems.extend(_keep_problem("NEEDLEBENCH_KEEP_GB", self.keep_gb, least=0, most=1e6))
         if not self.host:
             problems.append(Problem("--host", self.host, "must be an address, as in 127.0.0.1"))
         problems.extend(self._key_problems())
@@ -126,6 +131,8 @@ class Settings:
         host: str | None = None,
         port: int | None = None,
         drain_s: float = 0.0,
+        keep_days: float | None = None,
+        keep_gb: float | None = None,
         environ: Mapping[str, str] = os.environ,
     ) -> Settings:
         """Flags first, then environment variables, then defaults. Raises SettingsError."""
@@ -137,6 +144,8 @@ class Settings:
             api_key=environ.get("NEEDLEBENCH_API_KEY") or None,
             minimum_free_bytes=(_whole(environ, "NEEDLEBENCH_MINIMUM_FREE_MB", MINIMUM_BYTES // 2**20) or 0) * 2**20,
             drain_s=drain_s,
+            keep_days=_number(environ, "NEEDLEBENCH_KEEP_DAYS") if keep_days is None else keep_days,
+            keep_gb=_number(environ, "NEEDLEBENCH_KEEP_GB") if keep_gb is None else keep_gb,
             limits=Limits.load(environ),
         )
 
@@ -149,6 +158,8 @@ def variables_help() -> list[tuple[str, str]]:
         ("NEEDLEBENCH_PORT", "port to listen on; as --port"),
         ("NEEDLEBENCH_WORKERS", f"jobs at a time, 1 to {MAXIMUM_WORKERS}; default {MAXIMUM_WORKERS}"),
         ("NEEDLEBENCH_MINIMUM_FREE_MB", f"room below which no job is begun; default {MINIMUM_BYTES // 2**20}"),
+        ("NEEDLEBENCH_KEEP_DAYS", "days after which ended jobs are cleared away; as --keep-days"),
+        ("NEEDLEBENCH_KEEP_GB", "size above which the oldest ended jobs are; as --keep-gb"),
         ("NEEDLEBENCH_API_KEY", "a key of scope admin, beside those of `needlebench key`"),
     ]
 
@@ -161,6 +172,20 @@ def _whole(environ: Mapping[str, str], name: str, default: int | None) -> int | 
         return int(text)
     except ValueError:
         raise SettingsError([Problem(name, text, "must be a whole number")]) from None
+
+
+def _keep_problem(name: str, value: float | None, *, least: float, most: float) -> list[Problem]:
+    if value is None or least <= value <= most:
+        return []
+    return [Problem(name, value, f"must be {least:g} to {most:.0f}")]
+
+
+def _number(environ: Mapping[str, str], name: str) -> float | None:
+    text = environ.get(name, "").strip()
+    try:
+        return float(text) if text else None
+    except ValueError:
+        raise SettingsError([Problem(name, text, "must be a number")]) from None
 
 
 def _refusal(host: str, port: int | None) -> str:

@@ -14,7 +14,7 @@ from service.schemas import ScenarioInfo, ScenarioList, Version
 from service.schemas_ops import CheckView, Health, Readiness
 from service.version import installed_version
 from simcore.errors import ScenarioError
-from simcore.presets import preset, preset_names
+from simcore.presets import preset_names, start
 from simcore.scenario import SCHEMA
 
 router = APIRouter(tags=["service"])
@@ -61,7 +61,7 @@ def get_version() -> Version:
     responses=documented(),
 )
 def list_scenarios() -> ScenarioList:
-    """Each fully resolved: a start for one's own."""
+    """Each with every field, null where other fields settle it: a start for one's own."""
     return ScenarioList(items=[_info(name) for name in preset_names()])
 
 
@@ -72,7 +72,7 @@ def list_scenarios() -> ScenarioList:
     responses=documented(404),
 )
 def get_scenario(name: Annotated[str, Path(max_length=100)]) -> ScenarioInfo:
-    """One of them, fully resolved."""
+    """One of them, with every field."""
     try:
         return _info(name)
     except ScenarioError as error:
@@ -80,5 +80,4 @@ def get_scenario(name: Annotated[str, Path(max_length=100)]) -> ScenarioInfo:
 
 
 def _info(name: str) -> ScenarioInfo:
-    scenario = preset(name).resolved()
-    return ScenarioInfo(name=name, description=preset_names()[name], scenario=scenario)
+    return ScenarioInfo(name=name, scenario=start(name), description=preset_names()[name])

@@ -22,10 +22,12 @@ from typing import IO
 
 from service.viewer import LOOPBACK, ViewerError, environment, program
 
+PROGRAM = "re_viewer_bg.wasm"
+WASM = b"\0asm"  # how every WebAssembly program begins
 FILES = {
     "index.html": "text/html; charset=utf-8",
     "re_viewer.js": "text/javascript; charset=utf-8",
-    "re_viewer_bg.wasm": "application/wasm",
+    PROGRAM: "application/wasm",
     "favicon.ico": "image/x-icon",
 }
 _START_TIMEOUT_S = 60.0
@@ -38,18 +40,28 @@ def folder(data: Path) -> Path:
 
     A file above 10 kB is there packed too, as NAME.gz.
     """
-    home = data / "viewer" / version("rerun-sdk")
+    home = _home(data)
     with _lock:
         if not home.is_dir():
             _take_out(home)
     return home
 
 
+def kept(data: Path) -> Path | None:
+    """Where the files are if they were taken out already."""
+    home = _home(data)
+    return home if home.is_dir() else None
+
+
+def _home(data: Path) -> Path:
+    return data / "viewer" / version("rerun-sdk")
+
+
 def _take_out(home: Path) -> None:
     home.parent.mkdir(parents=True, exist_ok=True)
     draft = Path(tempfile.mkdtemp(prefix=".draft-", dir=home.parent))
     try:
-        for name, content in _served().items():
+        for name, content in served().items():
             (draft / name).write_bytes(_cleaned(content) if name == "index.html" else content)
             if len(content) > _WORTH_PACKING and name != "index.html":
                 (draft / f"{name}.gz").write_bytes(gzip.compress(content, 5, mtime=0))
@@ -60,8 +72,8 @@ def _take_out(home: Path) -> None:
         shutil.rmtree(draft, ignore_errors=True)
 
 
-def _served() -> dict[str, bytes]:
-    """Every file as the viewer's own server gives it."""
+def served() -> dict[str, bytes]:
+    """Every file as the viewer's own server gives it. Raises ViewerError, OSError."""
     arguments = ["--serve-web", "--bind", LOOPBACK, "--port", "0", "--web-viewer-port", "0"]
     process = subprocess.Popen(
         [program(), *arguments],

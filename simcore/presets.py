@@ -8,6 +8,7 @@ from typing import Any
 
 from simcore.errors import Problem, ScenarioError
 from simcore.scenario import Scenario
+from simcore.scenario_rules import without_derived
 
 _PRESETS: dict[str, tuple[str, dict[str, Any]]] = {
     "demo": (
@@ -56,6 +57,11 @@ def preset(name: str) -> Scenario:
     if name not in _PRESETS:
         raise ScenarioError([Problem("scenario", name, f"is not a built-in scenario: {', '.join(_PRESETS)}")])
     return Scenario.load({"name": name, **copy.deepcopy(_PRESETS[name][1])})
+
+
+def start(name: str) -> dict[str, Any]:
+    """A built-in scenario as JSON to change: every field, null where others settle it. Raises ScenarioError."""
+    return without_derived(preset(name).resolved())
 
 
 def with_changes(data: dict[str, Any], changes: list[str]) -> dict[str, Any]:

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+import copy
 import math
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -52,6 +53,21 @@ def with_spacing(interaction: Interaction, tissue: Tissue) -> Interaction:
     if interaction.spacing_mm is not None:
         return interaction
     return interaction.model_copy(update={"spacing_mm": max(MINIMUM_SPACING_MM, tissue.element_size_mm)})
+
+
+def without_derived(resolved: dict[str, Any]) -> dict[str, Any]:
+    """Resolved scenario JSON as a start for changes: a spacing that is what it would be derived as is null again.
+
+    It loads to the same scenario, and with another element size to one whose rows of constraint points follow it.
+    """
+    data = copy.deepcopy(resolved)
+    interaction, model = data["interaction"], data["controller"].get("model")
+    if isinstance(model, dict) and "spacing_mm" in model:
+        if model["spacing_mm"] == max(interaction["spacing_mm"], model["element_size_mm"]):
+            model["spacing_mm"] = None
+    if interaction["spacing_mm"] == max(MINIMUM_SPACING_MM, data["tissue"]["element_size_mm"]):
+        interaction["spacing_mm"] = None
+    return data
 
 
 def separate_model(controller: Controller) -> SeparateModel | None:

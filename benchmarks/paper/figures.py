@@ -38,7 +38,9 @@ def box_panels(report: Json, young: str, noise: str, *, arms: Sequence[str] | No
     for group in dict.fromkeys(s["group"] for s in scores):
         members = [s for s in scores if s["group"] == group]
         names = tuple(f"{SHORT.get(s['arm'], arm_name(s['arm']))}\n{_count(s)}" for s in members)
-        boxes = tuple(_mark(i, s["box"], COLOUR_OF.get(s["arm"], 2), s["box"]["beyond"]) for i, s in enumerate(members))
+        boxes = tuple(
+            box_mark(i, s["box"], COLOUR_OF.get(s["arm"], 2), s["box"]["beyond"]) for i, s in enumerate(members)
+        )
         label = "RMSE, mm"
         panels.append(Panel(group, "", label, (), y_log=True, x_names=names, boxes=boxes, y_also=reach))
     return panels
@@ -48,7 +50,8 @@ def _count(score: Json) -> str:
     return f"n = {score['insertions']}" + (f"\n{score['failed']} failed" if score["failed"] else "")
 
 
-def _mark(place: int, box: Json, colour: int, beyond: Sequence[float]) -> BoxMark:
+def box_mark(place: int, box: Json, colour: int, beyond: Sequence[float]) -> BoxMark:
+    """The box of a score, with its median written above."""
     note = f"{box['median']:.3g}"
     return BoxMark(
         float(place), box["low"], box["q1"], box["median"], box["q3"], box["high"], beyond, colour=colour, note=note
@@ -202,7 +205,7 @@ def seed_panels(report: Json) -> list[Panel]:
     boxes = []
     for i, group in enumerate(found):
         values = [s["median_mm"] for s in scores if s["group"] == group]
-        boxes.append(_mark(i, report["seeds"]["boxes"][group], COLOUR_OF["elm"], values))
+        boxes.append(box_mark(i, report["seeds"]["boxes"][group], COLOUR_OF["elm"], values))
     names = tuple(found)
     return (
         [Panel("ELM seeds", "", "median RMSE, mm", (), y_zero=True, x_names=names, boxes=tuple(boxes))] if boxes else []

@@ -21,17 +21,8 @@ NOISE = {"off": "no target noise", "on": "with target noise"}
 
 def html(report: Json) -> str:
     """The page. report: what `document` returns, or report.json read back."""
-    environment = Environment(
-        loader=FileSystemLoader(TEMPLATES),
-        autoescape=True,
-        undefined=StrictUndefined,
-        trim_blocks=True,
-        lstrip_blocks=True,
-        keep_trailing_newline=True,
-    )
-    environment.filters.update(mm=mm, percent=percent, p=p_value, arm=arm_name, interval=interval, signed=signed)
-    environment.filters.update(share=share, ms=milliseconds, condition=condition)
-    page: str = environment.get_template("report.html.j2").render(
+    return rendered(
+        "report.html.j2",
         report=report,
         counts={name: sum(claim["verdict"] == name for claim in report["claims"]) for name in VERDICTS},
         symbols=VERDICTS,
@@ -45,6 +36,21 @@ def html(report: Json) -> str:
         curves=figures.pictures(figures.learning_panels(report), name="l", about="Median and range over seeds."),
         dots=figures.sensitivity_dots(report),
     )
+
+
+def rendered(template: str, **content: Any) -> str:
+    """A page from one of the templates, with the filters for numbers."""
+    environment = Environment(
+        loader=FileSystemLoader(TEMPLATES),
+        autoescape=True,
+        undefined=StrictUndefined,
+        trim_blocks=True,
+        lstrip_blocks=True,
+        keep_trailing_newline=True,
+    )
+    environment.filters.update(mm=mm, percent=percent, p=p_value, arm=arm_name, interval=interval, signed=signed)
+    environment.filters.update(share=share, ms=milliseconds, condition=condition)
+    page: str = environment.get_template(template).render(**content)
     return page
 
 

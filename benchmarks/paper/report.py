@@ -63,7 +63,7 @@ def document(
         "schema": SCHEMA,
         "scale": scale,
         "provenance": dict(provenance or {}),
-        "rules": _rules(),
+        "rules": rules(),
         "counts": {"insertions": len(table), "failed": len(failed), "timed": len(timed)},
         "claims": claims(found),
         "scores": scored,
@@ -72,18 +72,19 @@ def document(
         "face_mm": face_mm(main_rows(table)),
         "entry_mm": _entry_mm(main_rows(table)),
         "spots": spots(table),
-        "failures": [_failure(row) for row in failed[:LISTED_FAILURES]],
+        "failures": [failure(row) for row in failed[:LISTED_FAILURES]],
         "seeds": {"scores": seeds, "shares": shares, "boxes": _seed_boxes(seeds)},
         "learning": learning_steps(learning),
         "sensitivity": variants(table),
         "timing": {"costs": costs(timed), "savings": found.savings, "paper": PAPER_REDUCTIONS},
-        "recordings": _recordings(table, recordings or {}),
+        "recordings": chosen_insertions(table, recordings or {}),
     }
     result: Json = as_json(content)
     return result
 
 
-def _rules() -> Json:
+def rules() -> Json:
+    """What the statistics rest on, fixed before any result."""
     return {
         "confidence": statistics.CONFIDENCE,
         "bootstrap_draws": statistics.DRAWS,
@@ -108,7 +109,8 @@ def _entry_mm(table: Sequence[Row]) -> tuple[float, float] | None:
     return entry if entry and not any(math.isnan(value) for value in entry) else None
 
 
-def _failure(row: Row) -> Json:
+def failure(row: Row) -> Json:
+    """An insertion that failed, and why."""
     return {"id": row.id, "arm": row.arm, "group": row.group, "status": row.status, "message": row.message}
 
 
@@ -117,8 +119,8 @@ def _seed_boxes(seeds: Sequence[Any]) -> Json:
     return {g: box(np.array([score.median_mm for score in seeds if score.group == g])) for g in groups}
 
 
-def _recordings(table: Sequence[Row], links: Mapping[str, str]) -> list[Json]:
-    """The chosen cases, each with its link if it was recorded, then all other recorded ones."""
+def chosen_insertions(table: Sequence[Row], links: Mapping[str, str]) -> list[Json]:
+    """Best, median and worst cases and failures, each with its link if it has one, then all others that have one."""
     known = {row.id: row for row in table}
     reasons = dict(chosen(table))
     reasons |= {name: unsuccessful(known[name]) or "another" for name in sorted(links.keys() & known.keys() - reasons)}

@@ -20,6 +20,7 @@ from service.upload_names import UPLOAD_ID
 from service.web.form import scenario_form
 from service.web.site import missing, page
 from simcore.presets import preset, preset_names
+from simcore.scenario_rules import without_derived
 
 router = APIRouter(include_in_schema=False)
 
@@ -97,7 +98,7 @@ def _start(service: Service, start: str | None) -> dict[str, Any] | None:
         scenario: dict[str, Any] | None = (service.store.get(start).spec or {}).get("scenario")
     except UnknownJob:
         return None
-    return scenario
+    return scenario and without_derived(scenario)
 
 
 def _measures(part: dict[str, Any]) -> Iterator[tuple[str, Any]]:

@@ -24,12 +24,17 @@ PATIENCE_S = 60.0
 
 
 class Server:
-    """The process; `client` talks to it. settings: fields of `Settings` that are not the defaults of tests."""
+    """The process; `client` talks to it. settings: fields of `Settings` that are not the defaults of tests.
 
-    def __init__(self, data: Path, *, runner: str = FAKE, workers: int = 2, **settings: float) -> None:
+    main: module whose `main` is run, another than this one where the server itself has to be another one.
+    """
+
+    def __init__(
+        self, data: Path, *, runner: str = FAKE, workers: int = 2, main: str = __name__, **settings: float
+    ) -> None:
         self.data = data
         more = {"workers": workers, "port": 0, **settings}
-        code = "from tests.acceptance.server import main; main()"
+        code = f"from {main} import main; main()"
         command = [sys.executable, "-c", code, str(data), runner, json.dumps(more)]
         self.process = subprocess.Popen(command, cwd=ROOT, stdout=subprocess.PIPE, text=True)
         assert self.process.stdout is not None

@@ -92,6 +92,21 @@ def test_gc_is_done_by_the_service_that_runs_and_without_one_by_the_command(tmp_
     assert os.listdir(tmp_path / "jobs") == [ids[0]]
 
 
+def test_one_job_is_pinned_shown_and_unpinned_from_the_command_line(tmp_path: Path) -> None:
+    with running_server(tmp_path) as server:
+        job = server.client.wait(server.client.submit({"name": "quick"}).id).id
+        assert needlebench("pin", job, data=tmp_path).stdout == f"{job} is kept\n"
+        assert server.client.clear(max_bytes=0)["jobs"] == []
+        events = needlebench("show", job, "--events", data=tmp_path).stdout.splitlines()
+        assert [line.split()[3] for line in events] == ["queued", "started", "succeeded", "pinned"]
+        assert "this is quick" in needlebench("show", job, "--log", data=tmp_path).stdout
+        assert json.loads(needlebench("show", job, data=tmp_path).stdout)["pinned"] is True
+        assert needlebench("unpin", job, data=tmp_path).returncode == 0
+        assert server.client.clear(max_bytes=0)["jobs"] == [job]
+        missing = needlebench("pin", job, data=tmp_path)
+        assert (missing.returncode, "no job" in missing.stderr) == (1, True)
+
+
 def test_the_log_of_a_service_is_json_lines_about_jobs_and_requests(tmp_path: Path) -> None:
     command = [sys.executable, "-m", "service.cli", "serve", "--log-format", "json"]
     command += ["--port", "0", "--data", str(tmp_path)]

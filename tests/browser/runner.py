@@ -31,6 +31,8 @@ def run_job(spec: dict[str, Any], artefact_dir: Path) -> dict[str, Any]:
             "steps": STEPS,
             "depth_mm": round(1e3 * float(series["depth_m"][step]), 3),
             "tip_error_mm": round(float(error_mm[step]), 4),
+            "cross_track_mm": round(0.8 * float(error_mm[step]), 4),
+            "insertion_force_n": round(float(series["insertion_force_n"][step]), 4),
             "eta_s": (STEPS - step) * pause_s,
         }
         replace_text(artefact_dir / "progress.json", json.dumps(progress))

@@ -42,7 +42,8 @@ def test_a_submitted_job_is_accepted_and_can_be_read(http: TestClient) -> None:
     assert (job["state"], job["attempt"], job["priority"], job["timeout_s"]) == ("queued", 0, 7, 3600)
     assert job["scenario"]["tissue"]["young_kpa"] == 3.0
     assert job["scenario"]["schema"] == "needlebench/scenario/1"
-    assert set(job["progress"]) == {"fraction", "step", "steps", "depth_mm", "tip_error_mm", "eta_s"}
+    measured = {"depth_mm", "tip_error_mm", "cross_track_mm", "insertion_force_n"}
+    assert set(job["progress"]) == {"fraction", "step", "steps", "eta_s", *measured}
     assert (job["result"], job["error"]) == (None, None)
     assert http.get(answer.headers["location"]).json() == job
 
@@ -228,11 +229,13 @@ def test_a_job_without_recording_says_so(both: tuple[TestClient, Service]) -> No
     assert "recording.enabled" in answer.json()["detail"]
 
 
-def test_built_in_scenarios_are_served_resolved(http: TestClient) -> None:
+def test_built_in_scenarios_are_a_start_for_others(http: TestClient) -> None:
     items = http.get("/api/v1/scenarios").json()["items"]
     assert [item["name"] for item in items] == ["demo", "line", "sine", "replay"]
     assert http.get("/api/v1/scenarios/sine").json() == items[2]
     assert http.get("/api/v1/scenarios/none").status_code == 404
+    coarse = {**items[1]["scenario"], "tissue": {"element_size_mm": 10}}
+    assert submit(http, scenario=coarse)["scenario"]["interaction"]["spacing_mm"] == 10.0
 
 
 def test_health_readiness_and_version(both: tuple[TestClient, Service]) -> None:

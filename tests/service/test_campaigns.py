@@ -4,9 +4,11 @@ from __future__ import annotations
 
 import csv
 import io
+import re
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
+from urllib.parse import urljoin
 
 import pytest
 from starlette.testclient import TestClient
@@ -61,6 +63,13 @@ def ended(both: tuple[TestClient, Service], **how: Any) -> dict[str, Any]:
     found: dict[str, Any] = http.get(made["links"]["self"]).json()
     assert found["state"] == "done"
     return found
+
+
+def test_a_grid_over_element_sizes_takes_the_spacing_along(both: tuple[TestClient, Service]) -> None:
+    http, service = both
+    start(http, {"scenario": "line", "grid": {"tissue.element_size_mm": [6, 10]}})
+    specs = [job.spec or {} for job in (service.store.claim(), service.store.claim()) if job is not None]
+    assert sorted(spec["scenario"]["interaction"]["spacing_mm"] for spec in specs) == [6.0, 10.0]
 
 
 def test_a_campaign_makes_its_jobs_and_ends_with_them(both: tuple[TestClient, Service]) -> None:
@@ -144,7 +153,10 @@ def test_results_outlive_their_jobs(both: tuple[TestClient, Service]) -> None:
     before = http.get(done["links"]["results"]).json()
     for case in http.get(done["links"]["jobs"]).json()["items"]:
         service.store.delete(case["job"])
-    assert http.get(done["links"]["results"]).json() == before
+    after = http.get(done["links"]["results"]).json()
+    assert [insertion.pop("link") for insertion in after["chosen"]] == [None] * 4
+    assert all(insertion.pop("link").startswith("/jobs/") for insertion in before["chosen"])
+    assert after == before
     assert [score["arm"] for score in before["scores"]] == ["ifem", "open_loop"]
 
 
@@ -157,6 +169,23 @@ def test_results_as_csv_and_as_a_page(both: tuple[TestClient, Service]) -> None:
     assert page.headers["content-type"].startswith("text/html"), page.text
     assert "I-FEM" in page.text
     assert "<script" not in page.text
+    assert "<h1>two by two</h1>" in page.text
+    assert "Perrusi" not in page.text
+    (job, *_) = http.get(done["links"]["jobs"]).json()["items"]
+    assert f'href="/jobs/{job["job"]}" target="_top"' in page.text
+    for link in re.findall('href="(results[^"]*)"', page.text):
+        assert http.get(urljoin(done["links"]["report"], link)).status_code == 200
+
+
+def test_a_named_suite_has_the_report_of_the_paper(both: tuple[TestClient, Service]) -> None:
+    http, service = both
+    made = start(http, {"suite": "lin100-v1-smoke"})
+    run_all(service)
+    service.keeper.look()
+    page = http.get(made["links"]["report"]).text
+    assert "The paper’s claims" in page
+    assert 'href="/jobs/' in page
+    assert "needlebench view" not in page
 
 
 def test_jobs_without_a_result_are_failures_that_stay_in(both: tuple[TestClient, Service]) -> None:

@@ -205,6 +205,14 @@ def test_run_set_kind_replaces_the_block(simulation: Simulation, tmp_path: Path)
     assert ran.trajectory == type(ran.trajectory)()
 
 
+def test_run_with_other_elements_takes_the_spacing_along(simulation: Simulation, tmp_path: Path) -> None:
+    change = ["--set", "tissue.element_size_mm=10", "--set", "dt_s=0.1"]
+    result = invoke("run", "line", "--out", str(tmp_path / "out"), *change)
+    assert result.exit_code == 0, result.output
+    (ran,) = simulation.scenarios
+    assert (ran.tissue.element_size_mm, ran.interaction.spacing_mm) == (10.0, 10.0)
+
+
 def test_run_reads_standard_input(simulation: Simulation, tmp_path: Path) -> None:
     result = invoke("run", "-", "--out", str(tmp_path / "out"), input=json.dumps(short().resolved()))
     assert result.exit_code == 0

@@ -23,6 +23,8 @@ COMMANDS = (
     "show",
     "cancel",
     "retry",
+    "pin",
+    "unpin",
     "verify",
     "gc",
     "doctor",

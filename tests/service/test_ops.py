@@ -6,6 +6,7 @@ import json
 import os
 import sqlite3
 from collections.abc import Iterator
+from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
@@ -16,7 +17,7 @@ from prometheus_client.parser import text_string_to_metric_families
 from sqlalchemy import create_engine
 from starlette.testclient import TestClient
 
-from service import checks, database, disk
+from service import checks, database, disk, viewer_files
 from service.cli import main
 from service.core import Service
 from service.database import open_database, revision_of, revisions
@@ -147,7 +148,8 @@ def test_the_doctor_finds_a_fresh_place_well_and_changes_nothing(tmp_path: Path)
     found = {check["name"]: check for check in map(json.loads, told.output.splitlines())}
     assert told.exit_code == 0, told.output
     assert found["database"]["found"] == "will be made"
-    assert found["recordings"]["level"] == found["viewer"]["level"] == "ok"
+    assert {found[name]["level"] for name in ("recordings", "viewer", "web viewer")} == {"ok"}
+    assert found["web viewer"]["found"].startswith("in the wheel, ")
     assert "examination" not in found
     assert not (tmp_path / "data").exists()
 
@@ -170,6 +172,19 @@ def test_the_doctor_finds_a_full_disk(tmp_path: Path, monkeypatch: pytest.Monkey
     monkeypatch.setattr(checks, "free_bytes", lambda _: 10)
     full = doctor("--data", str(tmp_path))
     assert (full.exit_code, "needlebench gc" in full.output) == (1, True)
+
+
+def test_the_doctor_finds_a_damaged_web_viewer(tmp_path: Path) -> None:
+    home = tmp_path / "viewer" / version("rerun-sdk")
+    home.mkdir(parents=True)
+    missing = doctor("--data", str(tmp_path))
+    assert (missing.exit_code, f"remove {home}" in missing.output) == (1, True)
+    for name in viewer_files.FILES:
+        (home / name).write_bytes(viewer_files.WASM)
+    assert doctor("--data", str(tmp_path)).exit_code == 0
+    (home / viewer_files.PROGRAM).write_bytes(b"<html>")
+    damaged = doctor("--data", str(tmp_path))
+    assert (damaged.exit_code, "re_viewer_bg.wasm is damaged" in damaged.output) == (1, True)
 
 
 def test_an_older_database_is_copied_then_upgraded_with_its_jobs(

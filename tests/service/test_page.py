@@ -205,6 +205,13 @@ def test_hostile_names_stay_text(site: Site) -> None:
     assert seen >= 8
 
 
+def test_a_variant_of_a_job_lets_the_spacing_follow(site: Site) -> None:
+    http, service, _ = site
+    job = service.store.newest(state="succeeded")[-1].id
+    (given,) = Page(http.get(f"/submit?from={job}").text).values("data-given")
+    assert json.loads(given)["interaction"]["spacing_mm"] is None
+
+
 def test_what_is_not_there_has_a_page(site: Site) -> None:
     http, _, _ = site
     for address in (
@@ -389,7 +396,7 @@ def test_the_viewer_has_its_own_policy_and_no_link_to_elsewhere(
         b"<script>let one = 1;</script><script src='re_viewer.js'></script></html>"
     )
     content = dict.fromkeys(viewer_files.FILES, b"x" * 20_000) | {"index.html": page}
-    monkeypatch.setattr(viewer_files, "_served", lambda: content)
+    monkeypatch.setattr(viewer_files, "served", lambda: content)
     with idle_service(tmp_path) as (http, _):
         answer = http.get("/viewer/index.html")
         assert "fonts" not in answer.text

@@ -12,12 +12,13 @@ from hypothesis import strategies as st
 from starlette.testclient import TestClient
 
 from service.cli import main
-from service.core import Service
+from service.core import Service, _sweep_of
 from service.jobs import Outcome
+from service.keeper import SWEEP_S, Keeper
 from service.retention import Policy, clear, seconds_of
 from service.store import Store
 from simcore.errors import ScenarioError
-from tests.service.http import finish_training, idle_service
+from tests.service.http import finish, finish_training, idle_service
 from tests.service.learned import dataset_bytes, model_bytes
 
 DAY = 86400.0
@@ -246,3 +247,63 @@ def test_ages_are_read(count: float, unit: str) -> None:
     assert seconds_of(text, "x") == pytest.approx(float(text[:-1]) * seconds_of(f"1{unit}", "x"))
     with pytest.raises(ScenarioError):
         seconds_of(f"-{text}", "x")
+
+
+# ---- by the service itself
+
+
+def test_the_keeper_sweeps_at_first_and_then_once_a_day(tmp_path: Path) -> None:
+    with idle_service(tmp_path, keep_days=30.0) as (_, service):
+        moments = [0.0]
+        store, ids = ended(service, Clock(), DAYS)
+        sweep = _sweep_of(service.settings, store)
+        parts = (service.campaigns, service.schedules, service.planner)
+        keeper = Keeper(*parts, poke=lambda: None, sweep=sweep, clock=lambda: moments[0])
+        keeper.look()
+        assert store.ids() == set(ids[3:])
+        later, more = ended(service, Clock(), [1.0])
+        for moments[0], there in ((SWEEP_S - 1.0, True), (SWEEP_S, False)):
+            keeper.look()
+            assert (more[0] in later.ids()) is there
+
+
+def test_without_a_rule_the_service_clears_nothing(tmp_path: Path) -> None:
+    with idle_service(tmp_path) as (_, service):
+        ended(service, Clock(), [1.0])
+        assert _sweep_of(service.settings, service.store) is None
+        service.keeper.look()
+        assert len(service.store.ids()) == 1
+
+
+def test_a_size_alone_is_a_rule(tmp_path: Path) -> None:
+    with idle_service(tmp_path, keep_gb=2500 / 2**30) as (_, service):
+        _, ids = ended(service, Clock(), [97.0, 98.0, 99.0])
+        service.keeper.look()
+        assert service.store.ids() == set(ids[1:])
+
+
+def test_jobs_of_a_campaign_stay_until_it_has_ended(both: tuple[TestClient, Service]) -> None:
+    http, service = both
+    made = http.post("/api/v1/campaigns", json={"grid": {"seed": [0, 1]}}).json()["links"]["self"]
+    first = finish(service)
+    assert clear(service.store, service.settings.jobs, Policy(keep_last=0), dry_run=False).jobs == ()
+    second = finish(service)
+    service.keeper.look()
+    assert http.get(made).json()["state"] == "done"
+    gone = clear(service.store, service.settings.jobs, Policy(keep_last=0), dry_run=False).jobs
+    assert sorted(gone) == sorted([first.id, second.id])
+
+
+def test_all_else_in_the_data_folder_stays(both: tuple[TestClient, Service]) -> None:
+    """The viewer's files are taken out of the wheel once; copies of the database are the operator's."""
+    http, service = both
+    kept = [service.settings.data / folder / "x" / "file" for folder in ("viewer", "backups", ".cache")]
+    for path in kept:
+        path.parent.mkdir(parents=True)
+        path.write_text("kept")
+    for _ in range(2):
+        http.post("/api/v1/jobs", json={"scenario": "line"})
+    finish(service)
+    cleared = http.post("/api/v1/gc", json={"max_bytes": 0}).json()
+    assert (len(cleared["jobs"]), cleared["orphans"]) == (1, [])
+    assert all(path.read_text() == "kept" for path in kept)

@@ -11,8 +11,9 @@ import numpy as np
 import pytest
 
 from simcore.errors import ScenarioError
-from simcore.presets import preset, preset_names, with_changes
+from simcore.presets import preset, preset_names, start, with_changes
 from simcore.scenario import InverseFem, Replay, Scenario, SineTrajectory, StraightTrajectory
+from simcore.scenario_rules import without_derived
 from simcore.trajectory import targets
 
 RESOLVED = Scenario().resolved()
@@ -214,3 +215,36 @@ def test_a_wrong_value_is_refused_by_load(change: str, field: str) -> None:
 def test_null_derives_the_spacing_anew() -> None:
     scenario = Scenario.load(changed("tissue.element_size_mm=10", "interaction.spacing_mm=null"))
     assert scenario.interaction.spacing_mm == 10.0
+
+
+# ---- a start for changes
+
+
+@pytest.mark.parametrize("name", preset_names())
+def test_the_spacing_of_a_built_in_scenario_follows_its_elements(name: str) -> None:
+    assert start(name)["interaction"]["spacing_mm"] is None
+    assert Scenario.load(start(name)) == preset(name)
+    coarse = Scenario.load(with_changes(start(name), ["tissue.element_size_mm=10"]))
+    assert coarse.interaction.spacing_mm == 10.0
+
+
+def test_a_spacing_that_was_chosen_stays() -> None:
+    chosen = Scenario.load({"interaction": {"spacing_mm": 9}}).resolved()
+    assert without_derived(chosen) == chosen
+    assert chosen["interaction"]["spacing_mm"] == 9.0
+
+
+def test_the_spacing_of_a_separate_model_follows_its_elements_too() -> None:
+    asked = {"controller": {"kind": "ifem", "model": {"kind": "separate", "element_size_mm": 8}}}
+    resolved = Scenario.load(asked).resolved()
+    assert resolved["controller"]["model"]["spacing_mm"] == 8.0
+    opened = without_derived(resolved)
+    assert opened["controller"]["model"]["spacing_mm"] is None
+    assert Scenario.load(opened).resolved() == resolved
+    chosen = without_derived(Scenario.load(with_changes(asked, ["controller.model.spacing_mm=9"])).resolved())
+    assert chosen["controller"]["model"]["spacing_mm"] == 9.0
+
+
+def test_a_model_by_its_name_is_left_alone() -> None:
+    resolved = Scenario.load({"controller": {"kind": "elm"}}).resolved()
+    assert without_derived(resolved)["controller"] == resolved["controller"]

@@ -1,24 +1,25 @@
 // One job: its progress as it is told, its plots, its recording in the viewer.
 import { send, tell, words } from "./app.js";
-import { follow, millimetres, refresh, span } from "./live.js";
+import { follow, millimetres, newtons, refresh, span } from "./live.js";
 import { draw } from "./plots.js";
 
 const job = () => document.getElementById("job");
 const id = job().dataset.id;
-const path = { depth: [], error: [] }; // of the running attempt, since this page was opened
+const path = { depth: [], error: [], lateral: [], force: [] }; // of the running attempt, since this page was opened
 let source = null;
 let series = null;
 let attempt = null;
 let told = 0;
 
 function progress(data) {
-  if (attempt !== null && data.attempt !== attempt) path.depth.length = path.error.length = 0;
+  if (attempt !== null && data.attempt !== attempt) for (const values of Object.values(path)) values.length = 0;
   attempt = data.attempt;
   const part = (name) => job().querySelector(`[data-${name}]`);
   const put = (name, text) => { const place = part(name); if (place) place.textContent = text; };
   put("step", data.step);
   put("depth", millimetres(data.depth_mm, 1));
   put("error", millimetres(data.tip_error_mm, 3));
+  put("force", newtons(data.insertion_force_n));
   put("eta", span(data.eta_s));
   const bar = job().querySelector("progress");
   if (bar) bar.value = data.fraction;
@@ -30,18 +31,36 @@ function progress(data) {
   if (typeof data.depth_mm !== "number" || typeof data.tip_error_mm !== "number") return;
   path.depth.push(data.depth_mm);
   path.error.push(data.tip_error_mm);
+  path.lateral.push(data.cross_track_mm ?? null);
+  path.force.push(data.insertion_force_n ?? null);
   drawLive();
 }
 
 function drawLive() {
+  const points = path.depth.length < 60 ? 4 : 0;
+  const x = { label: "depth, mm", unit: "mm" };
   const worst = Math.max(...path.error);
+  const strongest = Math.max(...path.force.filter((v) => v !== null));
+  const force = path.force.at(-1);
   document.getElementById("plots").hidden = false;
   draw(document.getElementById("plot-error"), {
-    data: [path.depth, path.error],
-    x: { label: "depth, mm", unit: "mm" },
-    series: [{ label: "tip error", unit: "mm", digits: 3, stroke: "--plot-1", points: path.depth.length < 60 ? 4 : 0 }],
+    data: [path.depth, path.error, path.lateral],
+    x,
+    series: [
+      { label: "tip error", unit: "mm", digits: 3, stroke: "--plot-1", points },
+      { label: "across the path", unit: "mm", digits: 3, stroke: "--plot-3", points },
+    ],
     sentence: `Tip error over depth: ${path.error.at(-1).toFixed(3)} mm now, ${worst.toFixed(3)} mm at most.`,
-    caption: `Drawn from the moment this page was opened: ${worst.toFixed(3)} mm at most. The force comes with the end of the job.`,
+    caption: `Drawn from the moment this page was opened: ${worst.toFixed(3)} mm at most.`,
+  });
+  document.getElementById("force").hidden = force === null;
+  if (force === null) return;
+  draw(document.getElementById("plot-force"), {
+    data: [path.depth, path.force],
+    x,
+    series: [{ label: "insertion force", unit: "N", digits: 3, stroke: "--plot-2", points }],
+    sentence: `Insertion force over depth: ${force.toFixed(3)} N now, ${strongest.toFixed(3)} N at most.`,
+    caption: `Drawn from the moment this page was opened: ${strongest.toFixed(3)} N at most.`,
   });
 }
 

@@ -74,6 +74,10 @@ export function span(seconds) {
   return `${Math.floor(whole / size)} ${unit}${rest ? ` ${rest} ${below}` : ""}`;
 }
 
+export function newtons(value) {
+  return typeof value === "number" ? `${value.toFixed(2)} N` : "–";
+}
+
 export function millimetres(value, digits) {
   if (typeof value !== "number") return "–";
   const small = value !== 0 && digits > 1 && Math.abs(value) < 10 ** (1 - digits);
