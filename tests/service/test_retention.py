@@ -256,7 +256,7 @@ def test_the_keeper_sweeps_at_first_and_then_once_a_day(tmp_path: Path) -> None:
     with idle_service(tmp_path, keep_days=30.0) as (_, service):
         moments = [0.0]
         store, ids = ended(service, Clock(), DAYS)
-        sweep = _sweep_of(service.settings, store)
+        sweep = _sweep_of(service.settings, store, service.uploads)
         parts = (service.campaigns, service.schedules, service.planner)
         keeper = Keeper(*parts, poke=lambda: None, sweep=sweep, clock=lambda: moments[0])
         keeper.look()
@@ -270,7 +270,7 @@ def test_the_keeper_sweeps_at_first_and_then_once_a_day(tmp_path: Path) -> None:
 def test_without_a_rule_the_service_clears_nothing(tmp_path: Path) -> None:
     with idle_service(tmp_path) as (_, service):
         ended(service, Clock(), [1.0])
-        assert _sweep_of(service.settings, service.store) is None
+        assert _sweep_of(service.settings, service.store, service.uploads) is None
         service.keeper.look()
         assert len(service.store.ids()) == 1
 
