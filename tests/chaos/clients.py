@@ -41,15 +41,22 @@ class Connection:
 
     async def ask(self, method: str, path: str, *, body: bytes = b"", headers: str = "") -> tuple[int, str, bytes]:
         """Status, ETag and body of the answer."""
-        if self._streams is None:
-            self._streams = await asyncio.open_connection(self._place.hostname, self._place.port)
-        reader, writer = self._streams
+        reader, writer = await self._opened()
         head = f"{method} {path} HTTP/1.1\r\nHost: {self._place.netloc}\r\nContent-Length: {len(body)}\r\n{headers}\r\n"
         writer.write(head.encode() + body)
         first, *lines = (await reader.readuntil(b"\r\n\r\n")).decode().splitlines()
         told = {name.lower(): value for name, _, value in (line.partition(": ") for line in lines)}
         content = await reader.readexactly(int(told.get("content-length", "0")))
         return int(first.split()[1]), told.get("etag", ""), content
+
+    async def _opened(self) -> tuple[asyncio.StreamReader, asyncio.StreamWriter]:
+        """The connection; a new one when the server has closed it, as it does with idle ones."""
+        if self._streams is not None and self._streams[0].at_eof():
+            self.close()
+            self._streams = None
+        if self._streams is None:
+            self._streams = await asyncio.open_connection(self._place.hostname, self._place.port)
+        return self._streams
 
     def close(self) -> None:
         if self._streams is not None:

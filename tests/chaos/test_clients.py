@@ -59,7 +59,7 @@ class Insertions(threading.Thread):
                 self.problems.append(f"{job.id} is {job.state}: {job.error}")
                 continue
             started, finished = (datetime.fromisoformat(job.raw[n]).timestamp() for n in ("started_at", "finished_at"))
-            plant_ms = float(job.result["timing"]["plant_ms"]["median"])
+            plant_ms = float(job.result["timing"]["plant"]["median_ms"])
             self.runs.append(Run(started, finished, 1e3 * (finished - started) / job.progress.steps, plant_ms))
         self._client.close()
 
