@@ -83,7 +83,7 @@ def _of_job(job_id: str, url: str | None, data: Path | None, observer: Observer 
 
     if not re.fullmatch("[0-9a-z]{1,32}", job_id):
         raise CannotVerify("is neither a file nor the id of a job")
-    if data is not None and url is None:
+    if data is not None:
         from service.lock import Busy, held
         from service.server import endpoint
 

@@ -21,6 +21,7 @@ from service.settings import Settings, SettingsError
 from service.store import Store
 from simcore.errors import ScenarioError
 from tests.service.http import idle_service
+from tests.service.learned import model_bytes
 
 JOBS = "/api/v1/jobs"
 UPLOADS = "/api/v1/uploads"
@@ -71,7 +72,8 @@ def test_what_another_key_made_is_deleted_by_admin_only(both: tuple[TestClient, 
     mine, other, admin = (bearer(service, scope) for scope in ("submit", "submit", "admin"))
     urls = [http.post(JOBS, json={"scenario": "line"}, headers=mine).headers["location"] for _ in range(2)]
     assert http.get(urls[0], headers=mine).json()["key"] == service.keys.all()[0].id
-    sent = http.post(UPLOADS, params={"kind": "model", "name": "a.json"}, content=b"{}", headers=mine)
+    query = {"kind": "model", "name": "a.json"}
+    sent = http.post(UPLOADS, params=query, content=model_bytes("linear"), headers=mine)
     for url in urls:
         assert http.post(f"{url}/cancel", headers=other).status_code == 202
         assert http.delete(url, headers=other).status_code == 403

@@ -5,6 +5,7 @@ from __future__ import annotations
 import hashlib
 import io
 import json
+import threading
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any, get_args
@@ -18,6 +19,7 @@ from service.cli import main
 from service.core import Service
 from service.jobs import Outcome
 from service.limits import Limits
+from service.slot import Signals, Slot
 from service.train_job import SETTINGS, STAGES, train_job
 from service.training import ModelKind
 from service.upload_names import SCHEME
@@ -208,6 +210,23 @@ def test_an_attempt_after_a_death_makes_the_same_model_and_keeps_it_once(both: B
     assert (again.id, again.attempt, again.result["digest"]) == (made, 2, first["digest"])
     trained = [one for one in http.get(MODELS).json()["items"] if one["source"] == "trained"]
     assert [one["job"] for one in trained] == [made]
+
+
+def test_a_model_that_finds_no_room_is_told(tmp_path: Path) -> None:
+    data = dataset_bytes()
+    with idle_service(tmp_path, limits=Limits(uploads_mb=1e-6 * (len(data) + 100))) as (http, service):
+        train(http, data=sent(http, data)["reference"])
+        job = service.store.claim()
+        assert job is not None
+        folder = tmp_path / job.folder
+        folder.mkdir(parents=True)
+        spec = {**(job.spec or {}), "job_id": job.id, "uploads": str(service.settings.uploads)}
+        signals = Signals(threading.Event(), threading.Event(), threading.Condition())
+        slot = Slot(service.settings, service.store, signals, service.monitor, service.uploads, 0)
+        done = slot._finish(job, Outcome(state="succeeded", result=train_job(spec, folder)))
+        assert (done.state, done.error_kind, done.result) == ("failed", "disk", None)
+        assert "at most" in (done.error or "")
+        assert {path.suffix for path in service.settings.uploads.iterdir()} == {".npz"}
 
 
 def test_the_same_key_is_the_same_training(both: Both) -> None:
