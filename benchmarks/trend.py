@@ -85,6 +85,30 @@ def judged(points: Sequence[Point]) -> list[Judgement]:
     return [judge(point, points[:i]) for i, point in enumerate(points)]
 
 
+@dataclass(frozen=True)
+class Loss:
+    """What got worse and has not been mended: `figure` (accuracy or success) since point `since` of the history; the
+    last point is still worse than the one before that, and `why` says by how much."""
+
+    figure: str
+    since: int
+    why: str
+
+
+def lasting(points: Sequence[Point]) -> list[Loss]:
+    """The losses of a history, oldest first. A time is judged against many runs and needs no such look back."""
+    marks = judged(points)
+    found = []
+    for figure in ("accuracy", "success"):
+        for i, mark in enumerate(marks):
+            if getattr(mark, figure) is Mark.WORSE:
+                now = judge(points[-1], [points[i - 1]])
+                if getattr(now, figure) is Mark.WORSE:
+                    found.append(Loss(figure, i, getattr(now, f"{figure}_why")))
+                    break
+    return found
+
+
 def _accuracy(point: Point, last: Point | None) -> tuple[Mark, str]:
     shared = [case for case in point.rmse_mm if last is not None and case in last.rmse_mm]
     if last is None or not shared:

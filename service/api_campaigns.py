@@ -11,6 +11,7 @@ from fastapi import APIRouter, Path, Query, Response, status
 from benchmarks.paper.comparison import as_json
 from benchmarks.paper.suites import suite_names
 from benchmarks.paper.table import insertions_csv, rows
+from benchmarks.trend import lasting
 from service import campaign_report, trends
 from service.campaign_plan import CampaignRequest
 from service.campaign_results import between_arms, between_campaigns, outcomes
@@ -27,6 +28,7 @@ from service.campaign_schemas import (
     SuiteNames,
     SuiteView,
     Trend,
+    TrendLoss,
     TrendPoint,
 )
 from service.campaigns import Campaign, CampaignCase
@@ -248,7 +250,9 @@ def list_trends(service: ServiceOf) -> SuiteNames:
     "/trends/{suite}", operation_id="get_trend", summary="A suite over commits and dates", responses=documented()
 )
 def get_trend(suite: SuiteName, service: ServiceOf) -> Trend:
-    """The suite's campaigns, oldest first, with regressions marked."""
+    """The suite's campaigns, oldest first, with regressions marked, and what has not been mended since."""
+    found = trends.history(service.campaigns, suite)
+    runs = [one for _, one, _ in found]
     return Trend(
         suite=suite,
         points=[
@@ -269,6 +273,17 @@ def get_trend(suite: SuiteName, service: ServiceOf) -> Trend:
                 time_why=mark.time_why,
                 regression=mark.regression,
             )
-            for campaign, one, mark in trends.history(service.campaigns, suite)
+            for campaign, one, mark in found
+        ],
+        losses=[
+            TrendLoss(
+                figure=loss.figure,
+                campaign=found[loss.since][0].id,
+                at=moment(runs[loss.since].at),
+                commit=runs[loss.since].commit,
+                good_commit=runs[loss.since - 1].commit,
+                why=loss.why,
+            )
+            for loss in lasting(runs)
         ],
     )

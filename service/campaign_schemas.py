@@ -299,11 +299,23 @@ class TrendPoint(BaseModel):
     regression: bool
 
 
+class TrendLoss(BaseModel):
+    """What got worse and has not been mended since. good_commit: of the run before it got worse."""
+
+    figure: str = Field(description="accuracy or success")
+    campaign: str
+    at: datetime
+    commit: str | None
+    good_commit: str | None
+    why: str = Field(description="The last run against the one before it got worse.")
+
+
 class Trend(BaseModel):
     """The history of a suite, oldest first."""
 
     suite: str
     points: list[TrendPoint]
+    losses: list[TrendLoss]
 
 
 class SuiteNames(BaseModel):

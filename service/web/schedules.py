@@ -46,4 +46,4 @@ def get_trend_page(suite: SuiteName, request: Request, service: ServiceOf) -> Re
     if not trend.points:
         return missing(request, f"history of a suite {suite}")
     points = [point.model_dump(mode="json") for point in trend.points]
-    return page(request, "trend.html", suite=suite, points=trend.points, data=points)
+    return page(request, "trend.html", suite=suite, points=trend.points, losses=trend.losses, data=points)

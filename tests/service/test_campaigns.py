@@ -226,6 +226,14 @@ def test_a_trend_marks_what_got_worse(both: tuple[TestClient, Service]) -> None:
     points = http.get("/api/v1/trends/two by two").json()["points"]
     assert [point["regression"] for point in points] == [False, False, True]
     assert points[1]["accuracy_why"] == "all 4 digests as before"
+    ended(both, state=FAILED)
+    trend = http.get("/api/v1/trends/two by two").json()
+    assert trend["points"][-1]["regression"] is False
+    assert [(loss["figure"], loss["campaign"]) for loss in trend["losses"]] == [("success", points[2]["campaign"])]
+    assert "Not mended yet" in http.get("/trends/two by two").text
+    assert "worse since" in http.get("/trends").text
+    ended(both)
+    assert http.get("/api/v1/trends/two by two").json()["losses"] == []
     assert points[0]["step_ms"] == pytest.approx(2.3)
 
 

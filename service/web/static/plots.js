@@ -6,7 +6,7 @@ const shown = new Map(); // element -> how to draw it
 const colour = (name) => getComputedStyle(document.documentElement).getPropertyValue(name).trim();
 
 /**
- * Draw into an element. data: [x, y, ...]; series: [{label, unit, digits, stroke, points}]; x: {label, unit, time}.
+ * Draw into an element. data: [x, y, ...]; series: [{label, unit, digits, stroke, points}]; x: {label, unit, time, notes}.
  * The sentence goes to the label of the element and, unless `caption` is given, to its caption.
  */
 export function draw(element, { data, series, x, sentence, caption, range }) {
@@ -29,7 +29,7 @@ function paint(element) {
     scales: { x: { time: Boolean(x.time) }, y: range ? { range } : {} },
     axes: [{ ...axis, label: x.label, size: x.time ? 50 : 36, ...(x.time ? { space: 90, values: dates } : { values: numbers }) }, { ...axis, label: series[0].unit, size: 62, values: numbers }],
     series: [
-      { label: x.label, value: x.time ? "{YYYY}-{MM}-{DD} {HH}:{mm}" : (_, v) => (v === null ? "–" : `${v.toFixed(2)} ${x.unit}`) },
+      { label: x.label, value: x.time ? (_, v, __, i) => (v === null ? "–" : `${dated(v)} ${x.notes?.[i] ?? ""}`) : (_, v) => (v === null ? "–" : `${v.toFixed(2)} ${x.unit}`) },
       ...series.map((one) => ({
         label: one.label,
         stroke: colour(one.stroke),
@@ -46,6 +46,7 @@ function paint(element) {
   new uPlot(options, data, element);
 }
 
+const dated = (moment) => new Date(moment * 1e3).toISOString().slice(0, 16).replace("T", " ");
 const numbers = (_, values) => values.map((value) => (value === null ? "" : String(Number(value.toPrecision(6)))));
 
 /** Dates of an axis; with the time of day below where they are close together. */

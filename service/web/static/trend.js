@@ -11,7 +11,7 @@ function plot(id, { title, unit, digits, values, bad, range }) {
   const told = count === 1 ? "1 run is marked as worse" : `${count} runs are marked as worse`;
   draw(document.getElementById(`plot-${id}`), {
     data: [at, values, worse],
-    x: { label: "date, UTC", unit: "", time: true },
+    x: { label: "date, UTC", unit: "", time: true, notes: points.map((point) => (point.commit ?? "").slice(0, 10)) },
     series: [
       { label: title, unit, digits, stroke: "--plot-1", points: 7 },
       { label: "got worse", unit, digits, stroke: "--bad", points: 13, width: 0 },
