@@ -110,7 +110,7 @@ def linear_ticks(low: float, high: float, wanted: int = 6) -> list[float]:
 
 
 def log_ticks(low: float, high: float) -> list[float]:
-    """Powers of ten; with 2 and 5 times them, or more, where less than three would fit."""
+    """Powers of ten; with 2 and 5 times them, or more, where less than three would fit; else multiples of one step."""
     decades = range(math.floor(math.log10(low)), math.ceil(math.log10(high)) + 1)
     every = -(-len(decades) // 8)
     for steps in ((1.0,), (1.0, 2.0, 5.0), (1.0, 1.5, 2.0, 3.0, 5.0, 7.0), tuple(range(1, 10))):
@@ -118,7 +118,7 @@ def log_ticks(low: float, high: float) -> list[float]:
         kept = [v for v in values if low * 0.999 <= v <= high * 1.001]
         if len(kept) >= 3:
             return kept
-    return [low, high]
+    return linear_ticks(low, high, 4)
 
 
 def fitted_axis(values: Sequence[float], start: float, end: float, *, log: bool, tight: bool = False) -> Axis:

@@ -152,7 +152,7 @@ def trainer(plan: Plan) -> Callable[[str, int, Dataset], str]:
 def write_report(findings: Findings, plan: Plan, path: Path, *, wall_s: float, workers: int) -> None:
     """report.html, report.json, insertions.csv, predictions.csv."""
     from benchmarks.paper import report
-    from benchmarks.paper.paper import cpu_seconds
+    from benchmarks.paper.paper import commits, cpu_seconds
     from service.paper_folder import write_text
     from simcore.provenance import provenance
 
@@ -164,6 +164,7 @@ def write_report(findings: Findings, plan: Plan, path: Path, *, wall_s: float, w
         "plan_sha256": plan.sha256,
         "cases_sha256": findings.cases_sha256,
         "insertions": len(findings.outcomes) + len(findings.timing),
+        "insertions_by_commit": commits(findings),
         "insertions_cpu_s": round(cpu_seconds(findings), 1),
         "last_call_wall_s": round(wall_s, 1),
         "workers": workers,

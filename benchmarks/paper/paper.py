@@ -5,6 +5,7 @@ Pure in the sense of the suites: it is handed everything that runs, stores, trai
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -146,3 +147,9 @@ def cpu_seconds(findings: Findings) -> float:
     """CPU time of all insertions that tell theirs."""
     each: list[Any] = [o.result.get("cost", {}).get("cpu_s") for o in (*findings.outcomes, *findings.timing)]
     return float(np.sum([seconds for seconds in each if seconds is not None]))
+
+
+def commits(findings: Findings) -> dict[str, int]:
+    """How many insertions were run at each commit: a report may be written by later code than they were run by."""
+    each = (o.result["provenance"].get("commit", "unknown") for o in (*findings.outcomes, *findings.timing))
+    return dict(Counter(each))

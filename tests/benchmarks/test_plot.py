@@ -64,6 +64,7 @@ def test_linear_ticks_are_round(low: float, high: float, ticks: list[float]) -> 
 def test_log_ticks_are_decades_or_finer() -> None:
     assert log_ticks(0.5, 2000.0) == pytest.approx([1, 10, 100, 1000])
     assert log_ticks(800.0, 9000.0) == pytest.approx([1000, 2000, 5000])
+    assert log_ticks(0.363, 0.546) == pytest.approx([0.4, 0.45, 0.5])
     assert log_ticks(1e-12, 1e12) == pytest.approx([10.0**k for k in range(-12, 13, 4)])
 
 
