@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import logging
-import math
 import shutil
 import threading
 import time
@@ -170,7 +169,7 @@ class Slot(threading.Thread):
         folder = self._settings.data / job.folder
         deadline = time.monotonic() + job.timeout_s
         known: dict[str, Any] | None = None
-        told = -math.inf
+        told = time.monotonic()  # who looks within the first half second finds it running, which is enough
         while not self._stopping.is_set():
             done = bool(wait([future], timeout=_TICK_S).done)
             now = progress.read(folder)
