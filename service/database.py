@@ -59,13 +59,30 @@ def _prepare(connection: Any, _record: Any) -> None:
 
 
 def _begin(connection: Connection) -> None:
-    """A transaction that will write takes the write lock at once: a read that turns into a write fails when busy."""
-    if connection.get_execution_options().get("write", False):
-        connection.exec_driver_sql("BEGIN IMMEDIATE")
-        return
-    driver = connection.connection.driver_connection  # the short way: this BEGIN locks nothing, so it cannot fail
+    """A transaction that will write takes the write lock at once: a read that turns into a write fails when busy.
+
+    With `write="lazy"` its commit does not wait for the disk. It outlives any death of the process all the same; a
+    power cut may take it back, whole, with those that came after it, until `sync` or another writer has waited.
+    """
+    driver = connection.connection.driver_connection
     assert driver is not None
-    driver.execute("BEGIN")
+    if (write := connection.get_execution_options().get("write", False)) is False:
+        driver.execute("BEGIN")  # the short way: this BEGIN locks nothing, so it cannot fail
+        return
+    driver.execute(f"PRAGMA synchronous = {'NORMAL' if write == 'lazy' else 'FULL'}")
+    connection.exec_driver_sql("BEGIN IMMEDIATE")
+
+
+def sync(engine: Engine) -> None:
+    """Bring to the disk what was committed so far. Raises OSError."""
+    try:
+        log = os.open(f"{engine.url.database}-wal", os.O_RDWR)
+    except FileNotFoundError:  # SQLite took it into the database itself, and waited for the disk
+        return
+    try:
+        os.fsync(log)
+    finally:
+        os.close(log)
 
 
 def touch(engine: Engine) -> None:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import logging
-import math
 import shutil
 import threading
 import time
@@ -66,6 +65,8 @@ class Slot(threading.Thread):
         self._news = signals.news
         self._worker: pool.Worker | None = None
         self._begun = 0.0
+        self._next: Job | None = None  # claimed together with the end of the one before
+        self._untold: tuple[str, ...] = ()  # jobs whose last change may not be on the disk yet
         self._started_before = False
         self.pid: int | None = None
         self.job_id: str | None = None
@@ -92,18 +93,23 @@ class Slot(threading.Thread):
         if workman is None:
             return
         self._look_at_disk()
-        job = None if self._draining.is_set() or self.problem else self._store.claim()
-        if job is not None:
-            self.job_id, self._begun = job.id, time.monotonic()
-            self._monitor.started(job)
-            _log.info("job %s: attempt %d begins", job.id, job.attempt, extra=_named(job))
-            try:
+        job = self._store.claim() if self._takes_more else None
+        if job is None:
+            with self._news:
+                self._news.wait(_IDLE_S)
+        try:
+            while job is not None:
+                self.job_id, self._begun = job.id, time.monotonic()
+                self._monitor.started(job)
+                _log.info("job %s: attempt %d begins", job.id, job.attempt, extra=_named(job))
                 self._see_through(workman, job)
-            finally:
-                self.job_id = None
-            return
-        with self._news:
-            self._news.wait(_IDLE_S)
+                job, self._next = self._next, None
+        finally:
+            self.job_id = None
+
+    @property
+    def _takes_more(self) -> bool:
+        return not (self._stopping.is_set() or self._draining.is_set() or self.problem)
 
     def _look_at_disk(self) -> None:
         """Have a problem while there is no room: each job that is begun would fail for want of it."""
@@ -144,6 +150,7 @@ class Slot(threading.Thread):
             spec = {**(job.spec or {}), "job_id": job.id, "uploads": str(self._settings.uploads)}
             runner = train_job.RUNNER if job.kind == TRAINING else self._settings.runner
             future = workman.call(worker.execute, runner, spec, str(folder))
+            self._publish()  # what came before, now that the worker is busy
             outcome = self._watch(workman, job, future)
         except Exception as loss:  # whatever it is, a claimed job must not stay behind without an owner
             self._drop_worker()
@@ -162,7 +169,7 @@ class Slot(threading.Thread):
         folder = self._settings.data / job.folder
         deadline = time.monotonic() + job.timeout_s
         known: dict[str, Any] | None = None
-        told = -math.inf
+        told = time.monotonic()  # who looks within the first half second finds it running, which is enough
         while not self._stopping.is_set():
             done = bool(wait([future], timeout=_TICK_S).done)
             now = progress.read(folder)
@@ -213,7 +220,10 @@ class Slot(threading.Thread):
         return Outcome(state=state, error_kind=kind, error=message, artefacts=files)
 
     def _finish(self, job: Job, outcome: Outcome) -> Job:
-        """The end of an attempt. A model is kept before its job has succeeded: a kill between trains it again."""
+        """The end of an attempt, and the next job if there is one and a worker for it.
+
+        A model is kept before its job has succeeded: a kill between trains it again.
+        """
         if job.kind == TRAINING and outcome.result is not None:
             made = self._settings.data / job.folder / train_job.MODEL
             try:
@@ -222,7 +232,21 @@ class Slot(threading.Thread):
                 if getattr(error, "errno", None) in REFUSALS:
                     raise
                 outcome = replace(outcome, state=FAILED, result=None, error_kind="disk", error=str(error))
-        return self._store.finish(job, outcome)
+        self._look_at_disk()
+        if not (self._takes_more and self._worker is not None and self._worker.alive):
+            return self._store.finish(job, outcome)
+        done, self._next = self._store.exchange(job, outcome)
+        self._untold = (done.id,) if self._next is None else (done.id, self._next.id)
+        return done
+
+    def _publish(self) -> None:
+        """Tell of the end of the job before and the beginning of this one, once both are on the disk."""
+        if self._untold:
+            told, self._untold = self._untold, ()
+            try:
+                self._store.publish(*told)
+            except OSError as error:  # the next commit tries again
+                _log.error("the end of a job is not on the disk yet: %s", error)
 
     def _files(self, job: Job, described: list[dict[str, Any]]) -> tuple[Artefact, ...]:
         return tuple(Artefact(**file, path=f"{job.folder}/{file['name']}") for file in described)
@@ -244,6 +268,8 @@ class Slot(threading.Thread):
                 if self._stopping.wait(pause):
                     return  # the next start finds it running and requeues it
                 pause = min(2 * pause, _LONGEST_PAUSE_S)
+        if self._next is None:
+            self._publish()
         with self._news:
             self._news.notify_all()
 

@@ -7,13 +7,13 @@ import threading
 import time
 from collections.abc import Callable, Collection, Iterator
 from contextlib import AbstractContextManager, contextmanager
-from dataclasses import fields
+from dataclasses import replace
 from typing import Any
 
-from sqlalchemy import Connection, Engine, bindparam, delete, exists, func, insert, select, update
+from sqlalchemy import Connection, Engine, delete, insert, select, update
 
 from service import access_tables, tables
-from service.campaign_tables import campaign_case
+from service.database import sync
 from service.jobs import (
     CANCELLED,
     CRASHED,
@@ -25,7 +25,6 @@ from service.jobs import (
     QUEUED,
     REQUEUED,
     RUNNING,
-    Artefact,
     IllegalTransition,
     InputGone,
     Job,
@@ -37,39 +36,11 @@ from service.jobs import (
 from service.limits import Limits
 from service.reads import BRIEF, COLUMNS, Reads, read, to_job
 from service.references import references
+from service.statements import ALL_QUEUED, ARTEFACT, CLAIM, END, EVENT, FILE_FIELDS, MOVE, NEW, OF_ATTEMPT, QUEUED_ALONE
 from service.upload_names import SCHEME
 from simcore.errors import Problem
 
 _job = tables.job
-
-# Made once: making a statement costs more than running it.
-_NEW = insert(_job).returning(*COLUMNS)
-_EVENT = insert(tables.event)
-_ARTEFACT = insert(tables.artefact)
-_QUEUED = select(func.count()).select_from(_job).where(_job.c.state == QUEUED)
-_ALONE = _QUEUED.where(~exists().where(campaign_case.c.job_id == _job.c.id))
-_NEXT = (
-    select(_job.c.seq)
-    .where(_job.c.state == QUEUED)
-    .order_by(_job.c.priority.desc(), _job.c.seq)
-    .limit(1)
-    .with_for_update(skip_locked=True)
-    .scalar_subquery()
-)
-_CLAIM = (
-    update(_job)
-    .where(_job.c.seq == _NEXT, _job.c.state == QUEUED)
-    .values(state=RUNNING, attempt=_job.c.attempt + 1, progress=None, version=_job.c.version + 1)
-    .values(started_at=bindparam("now"), heartbeat_at=bindparam("now"))
-    .returning(*COLUMNS)
-)
-_OF_ATTEMPT = (
-    update(_job)
-    .where(_job.c.id == bindparam("of_id"), _job.c.attempt == bindparam("of_attempt"))
-    .where(_job.c.state == bindparam("of_state"))
-    .values(version=_job.c.version + 1)
-)
-_MOVE = _OF_ATTEMPT.returning(*COLUMNS)
 
 
 class Store(Reads):
@@ -85,6 +56,7 @@ class Store(Reads):
     ) -> None:
         super().__init__(engine)
         self._writer = engine.execution_options(write=True)
+        self._lazy_writer = engine.execution_options(write="lazy")
         self._turn = threading.Lock()  # writers of this process queue up here and not in SQLite's busy loop
         self._now = now
         self.notify = notify
@@ -104,8 +76,9 @@ class Store(Reads):
         return self._write()
 
     @contextmanager
-    def _write(self) -> Iterator[Connection]:
-        with self._turn, self._writer.begin() as connection:
+    def _write(self, *, lazy: bool = False) -> Iterator[Connection]:
+        """lazy: do not wait for the disk, as nobody was promised anything yet."""
+        with self._turn, (self._lazy_writer if lazy else self._writer).begin() as connection:
             yield connection
 
     def close(self) -> None:
@@ -157,7 +130,7 @@ class Store(Reads):
                 "owner": owner,
                 "kind": kind,
             }
-            job = to_job(connection.execute(_NEW, new).one())
+            job = to_job(connection.execute(NEW, new).one())
             for upload_id in uploads:
                 used = {"job_id": job.id, "upload_id": upload_id}
                 connection.execute(insert(access_tables.job_upload).values(used))
@@ -170,12 +143,12 @@ class Store(Reads):
 
     def _admit(self, connection: Connection, owner: str | None, uploads: Collection[str]) -> None:
         """Whether there is room in the queue, and every upload still there."""
-        if connection.execute(_QUEUED).scalar_one() >= self._limits.queue:  # else there is no need to look closer
-            queued = connection.execute(_ALONE).scalar_one()  # a campaign is one request, however large
+        if connection.execute(ALL_QUEUED).scalar_one() >= self._limits.queue:  # else there is no need to look closer
+            queued = connection.execute(QUEUED_ALONE).scalar_one()  # a campaign is one request, however large
             if queued >= self._limits.queue:
                 raise QueueFull(f"{queued} jobs are queued, at most {self._limits.queue} are taken")
         if owner is not None:
-            queued = connection.execute(_ALONE.where(_job.c.owner == owner)).scalar_one()
+            queued = connection.execute(QUEUED_ALONE.where(_job.c.owner == owner)).scalar_one()
             if queued >= (most := self._limits.queue_per_key):
                 raise QueueFull(f"{queued} jobs of this key are queued, at most {most} of one key are taken")
         known = access_tables.upload.c.id
@@ -196,27 +169,64 @@ class Store(Reads):
     # -- the life of a job
 
     def claim(self) -> Job | None:
-        """Take the next queued job, highest priority first, then oldest; None when there is none."""
-        with self._write() as connection:
-            row = connection.execute(_CLAIM, {"now": self._now()}).one_or_none()
-            if row is None:
+        """Take the next queued job, highest priority first, then oldest; None when there is none.
+
+        A power cut may put it back into the queue, as if nobody had taken it.
+        """
+        with self._write(lazy=True) as connection:
+            job = self._take(connection)
+            if job is None:
                 return None
-            job = to_job(row)
             self._log(connection, job, "started")
         self.notify(job.id)
         return job
 
+    def _take(self, connection: Connection) -> Job | None:
+        row = connection.execute(CLAIM, {"now": self._now()}).one_or_none()
+        return None if row is None else to_job(row)
+
     def beat(self, job: Job, progress: dict[str, Any]) -> None:
         """Progress of a running attempt; nothing happens when the attempt is no longer the current one."""
         values = {"progress": progress, "heartbeat_at": self._now()}
-        with self._write() as connection:
-            changed = connection.execute(_OF_ATTEMPT, {**_attempt(job), **values}).rowcount
+        with self._write(lazy=True) as connection:
+            changed = connection.execute(OF_ATTEMPT, {**_attempt(job), **values}).rowcount
         if changed:
             self.notify(job.id)
 
     def finish(self, job: Job, outcome: Outcome) -> Job:
         """End the running attempt `job`. Raises IllegalTransition when it is not the current one."""
+        with self._write() as connection:
+            done = self._end(connection, job, outcome)
+            self._log(connection, done, outcome.state, _error(outcome))
+        self.notify(job.id)
+        return done
+
+    def exchange(self, job: Job, outcome: Outcome) -> tuple[Job, Job | None]:
+        """`finish` and `claim` in one transaction: the job that ended, and the next or None.
+
+        The worker can begin with the next one while the disk is still busy: only `publish` waits for it, and only then
+        anybody is told.
+        """
+        with self._write(lazy=True) as connection:
+            done = self._end(connection, job, outcome)
+            taken = self._take(connection)
+            rows = [self._entry(done, outcome.state, _error(outcome))]
+            if taken is not None:
+                rows.append(self._entry(taken, "started"))
+            connection.execute(EVENT, rows)
+        return done, taken
+
+    def publish(self, *job_ids: str) -> None:
+        """Bring what was committed to the disk and tell who waits for these jobs. Raises OSError."""
+        try:
+            sync(self._engine)
+        finally:
+            for job_id in job_ids:
+                self.notify(job_id)
+
+    def _end(self, connection: Connection, job: Job, outcome: Outcome) -> Job:
         values: dict[str, Any] = {
+            "state": outcome.state,
             "result": outcome.result,
             "metrics": None if outcome.result is None else outcome.result.get("metrics"),
             "error_kind": outcome.error_kind,
@@ -227,16 +237,15 @@ class Store(Reads):
         }
         if outcome.progress is not None:
             values["progress"] = outcome.progress
-        with self._write() as connection:
-            done = self._move(connection, job, outcome.state, values)
-            names = [field.name for field in fields(Artefact)]
-            rows = [{"job_id": job.id, **{n: getattr(file, n) for n in names}} for file in outcome.artefacts]
-            if rows:
-                connection.execute(_ARTEFACT, rows)
-            data = {"error_kind": outcome.error_kind, "error": outcome.error} if outcome.error_kind else None
-            self._log(connection, done, outcome.state, data)
-        self.notify(job.id)
-        return done
+        row = None
+        if outcome.state in LEGAL[job.state]:
+            row = connection.execute(END, {**_attempt(job), **values}).one_or_none()
+        if row is None:
+            raise IllegalTransition(job.id, read(connection, job.id, BRIEF).state, outcome.state)
+        rows = [{"job_id": job.id, **{n: getattr(file, n) for n in FILE_FIELDS}} for file in outcome.artefacts]
+        if rows:
+            connection.execute(ARTEFACT, rows)
+        return replace(job, **{**values, **row._mapping})
 
     def requeue(self, job: Job, *, reason: str, crashed: bool) -> Job:
         """Put the running attempt `job` back into the queue; after three crashes it has failed instead."""
@@ -314,7 +323,7 @@ class Store(Reads):
                 changed = self._move(connection, job, CANCELLED, {"finished_at": self._now()})
                 self._log(connection, changed, CANCELLED)
             elif job.state == RUNNING:
-                connection.execute(_OF_ATTEMPT, {**_attempt(job), "cancel_requested": True})
+                connection.execute(OF_ATTEMPT, {**_attempt(job), "cancel_requested": True})
                 changed = read(connection, job_id)
                 self._log(connection, changed, "cancel_requested")
             else:
@@ -338,18 +347,24 @@ class Store(Reads):
     def _move(self, connection: Connection, job: Job, state: str, values: dict[str, Any]) -> Job:
         """Change the state of `job` as it was read."""
         if state in LEGAL[job.state]:
-            row = connection.execute(_MOVE, {**_attempt(job), **values, "state": state}).one_or_none()
+            row = connection.execute(MOVE, {**_attempt(job), **values, "state": state}).one_or_none()
             if row is not None:
                 return to_job(row)
         raise IllegalTransition(job.id, read(connection, job.id).state, state)
 
     def _log(self, connection: Connection, job: Job, kind: str, data: dict[str, Any] | None = None) -> None:
-        row = {"job_id": job.id, "at": self._now(), "kind": kind, "attempt": job.attempt, "data": data}
-        connection.execute(_EVENT, row)
+        connection.execute(EVENT, self._entry(job, kind, data))
+
+    def _entry(self, job: Job, kind: str, data: dict[str, Any] | None = None) -> dict[str, Any]:
+        return {"job_id": job.id, "at": self._now(), "kind": kind, "attempt": job.attempt, "data": data}
+
+
+def _error(outcome: Outcome) -> dict[str, Any] | None:
+    return {"error_kind": outcome.error_kind, "error": outcome.error} if outcome.error_kind else None
 
 
 def _attempt(job: Job) -> dict[str, Any]:
-    """What `_OF_ATTEMPT` asks for: the job as it was read; the attempt is the fence against an owner of before."""
+    """What `OF_ATTEMPT` asks for: the job as it was read; the attempt is the fence against an owner of before."""
     return {"of_id": job.id, "of_attempt": job.attempt, "of_state": job.state}
 
 

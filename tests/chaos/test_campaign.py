@@ -27,13 +27,22 @@ _TINY: dict[str, Any] = {  # as short as an insertion can well be
     "trajectory": {"kind": "line", "target_mm": [18, 31, 5]},
     "recording": {"enabled": False},
 }
+_SHORT: dict[str, Any] = {  # what a laboratory would call so: the default mesh and step, 12 mm deep, 0.3 s of CPU
+    "name": "short",
+    "trajectory": {"kind": "line", "target_mm": [18, 31, 12]},
+    "recording": {"enabled": False},
+}
 _PAGE = 1000  # events in an answer
 
 
 @pytest.mark.parametrize(
     ("kind", "runner", "scenario"),
-    [("insertion", RUNNER, _TINY), ("50 ms of CPU", _INSTANT, {"name": f"{SPIN}50"})],
-    ids=["insertions", "50ms"],
+    [
+        ("short insertion", RUNNER, _SHORT),
+        ("tiny insertion", RUNNER, _TINY),
+        ("50 ms of CPU", _INSTANT, {"name": f"{SPIN}50"}),
+    ],
+    ids=["short", "tiny", "50ms"],
 )
 def test_a_campaign_of_short_jobs(
     tmp_path: Path, campaign_jobs: int, figures: dict[str, object], kind: str, runner: str, scenario: dict[str, Any]

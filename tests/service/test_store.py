@@ -288,3 +288,40 @@ def _end(store: Store, owner: Job, action: str) -> None:
     else:
         outcome = RESULT if action == "finish" else Outcome(state="failed", error_kind="exception", error="x")
         store.finish(owner, outcome)
+
+
+def test_an_exchange_ends_one_job_and_takes_the_next_and_tells_nobody_before_it_is_published(
+    store: Store, heard: list[str]
+) -> None:
+    first, second = submit(store), submit(store, "b")
+    running = claim(store)
+    heard.clear()
+    done, taken = store.exchange(running, RESULT)
+    assert taken is not None
+    assert not heard
+    assert (done.state, done.result, done.metrics) == ("succeeded", RESULT.result, {"rmse_mm": 0.5})
+    assert (taken.id, taken.state, taken.attempt) == (second.id, "running", 1)
+    assert (store.get(first.id), store.get(second.id)) == (done, taken)
+    assert [(event.job_id, event.kind) for event in store.events()][-2:] == [
+        (first.id, "succeeded"),
+        (second.id, "started"),
+    ]
+    store.publish(done.id, taken.id)
+    assert heard == [done.id, taken.id]
+    assert store.exchange(taken, Outcome(state="failed", error_kind="exception", error="x"))[1] is None
+
+
+def test_an_exchange_by_an_owner_of_before_takes_nothing(store: Store) -> None:
+    job, other = submit(store, priority=1), submit(store, "b")
+    old = claim(store)
+    store.requeue(old, reason="x", crashed=True)
+    claim(store)
+    with pytest.raises(IllegalTransition):
+        store.exchange(old, RESULT)
+    assert (store.get(job.id).state, store.get(other.id).state) == ("running", "queued")
+
+
+def test_what_a_client_is_promised_waits_for_the_disk(store: Store) -> None:
+    for lazy, level in ((True, 1), (False, 2), (True, 1)):  # NORMAL, FULL
+        with store._write(lazy=lazy) as connection:
+            assert connection.exec_driver_sql("PRAGMA synchronous").scalar() == level
