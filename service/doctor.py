@@ -18,7 +18,7 @@ from service.settings import DEFAULT_HOST, DEFAULT_PORT, Settings
 
 PYTHON = (3, 11)
 RERUN = "0.41"  # recordings and viewer must match
-PACKAGES = ("numpy", "scipy", "numba", "pydantic", "fastapi", "uvicorn", "sqlalchemy", "alembic", "rerun-sdk")
+PACKAGES = ("numpy", "scipy", "numba", "pydantic", "fastapi", "uvicorn", "sqlalchemy", "alembic", "pebble", "rerun-sdk")
 _WORKER_BYTES = 2**30
 
 

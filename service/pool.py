@@ -1,8 +1,8 @@
 """One worker process at a time, warm, replaceable: what the engine's slots are made of.
 
-A pipe of its own joins each worker with this process: a death, in whatever moment, costs one slot its worker and
-nothing else. A call is sent by the thread that asks, and one thread a worker waits for answers: what a short job costs
-beyond its own time is two messages.
+Each slot has a pool of its own with a single worker. In a shared pool the workers hold a common lock while they
+fetch and answer: one that is killed in that moment takes the others with it, and the death of an idle worker breaks
+the pool. Here a death costs one slot its worker, at any moment.
 """
 
 from __future__ import annotations
@@ -10,121 +10,73 @@ from __future__ import annotations
 import ctypes
 import multiprocessing
 import os
-import pickle
 import signal
 import sys
 import threading
-from collections import deque
 from concurrent.futures import Future
-from multiprocessing.connection import Connection, wait
+from concurrent.futures.process import BrokenProcessPool
+from multiprocessing.connection import wait
 from pathlib import Path
 from typing import Any
+
+import pebble
 
 from service import worker
 from service.lock import held
 from service.threads import one_thread
 from simcore.errors import NeedlebenchError
 
-TERM_TIMEOUT_S = 0.2  # between SIGTERM and SIGKILL
-_PR_SET_PDEATHSIG = 1
-
 
 class Lost(NeedlebenchError):
     """The worker process died before it answered."""
 
 
-class Worker:
-    """A worker process that does one call after the other; started at once, warm after `warm()` has answered.
+TERM_TIMEOUT_S = 0.2  # between SIGTERM and SIGKILL
+pebble.CONSTS.term_timeout = TERM_TIMEOUT_S
+_PR_SET_PDEATHSIG = 1
 
-    The thread that makes it must outlive it: Linux tells a child of the death of its parent's thread.
-    """
+
+class Worker:
+    """A worker process that does one call at a time; started at once, warm after `warm()` has answered."""
 
     def __init__(self) -> None:
         one_thread()  # inherited by the worker, before it imports numpy
-        context = multiprocessing.get_context("spawn")
-        self._pipe, theirs = context.Pipe()
-        self._process = context.Process(target=_serve, args=(theirs, os.getpid()), name="worker", daemon=True)
-        self._process.start()
-        theirs.close()  # now the pipe ends with the process
-        self._turn = threading.Lock()  # of what follows, and of sending
-        self._asked: deque[Future[Any]] = deque()  # in the order in which the answers will come
-        self._gone = False
-        self._listener = threading.Thread(target=self._listen, name=f"worker-{self._process.pid}", daemon=True)
-        self._listener.start()
+        self._pool = pebble.ProcessPool(
+            max_workers=1,
+            initializer=_prepare,
+            initargs=(os.getpid(),),
+            context=multiprocessing.get_context("spawn"),
+        )
 
     def call(self, function: Any, *args: Any) -> Future[Any]:
         """Run `function(*args)` in the worker. Raises Lost when there is no worker any more."""
-        message = pickle.dumps((function, args), protocol=pickle.HIGHEST_PROTOCOL)
-        future: Future[Any] = Future()
-        with self._turn:
-            if self._gone:
-                raise Lost("the worker process is gone")
-            future.set_running_or_notify_cancel()
-            self._asked.append(future)
-            try:
-                self._pipe.send_bytes(message)
-            except OSError as error:
-                self._asked.pop()
-                raise Lost(f"the worker process is gone: {error}") from None
+        try:
+            future: Future[Any] = self._pool.schedule(function, args=args)
+        except RuntimeError as error:
+            raise Lost(f"the worker process is gone: {error}") from None
         return future
 
     @property
     def alive(self) -> bool:
-        """Whether calls still get an answer."""
-        return not self._gone
+        """Whether calls still get an answer; a worker that dies idle takes its pool along."""
+        return bool(self._pool.active)
 
     def stop(self) -> None:
         """End the process: SIGTERM, and SIGKILL after 0.2 s. On return it is gone."""
-        if not self._gone:
-            self._process.terminate()
-        self._listener.join(TERM_TIMEOUT_S)
-        if self._listener.is_alive():
-            self._process.kill()
-            self._listener.join()
-        self._pipe.close()
-
-    def _listen(self) -> None:
-        """Hand answers on until the process ends; what it was asked then is lost."""
-        while True:
-            try:
-                message = self._pipe.recv_bytes()
-            except (EOFError, OSError):
-                break
-            done, value = _understood(message)
-            with self._turn:
-                future = self._asked.popleft()
-            if done:
-                future.set_result(value)
-            else:
-                future.set_exception(value)
-        self._process.join()
-        death = Lost(_death(self._process.exitcode))
-        with self._turn:
-            self._gone = True
-            lost = list(self._asked)
-            self._asked.clear()
-        for future in lost:
-            future.set_exception(death)
-
-
-def _death(code: int | None) -> str:
-    """code: None in the rare case that another thread has just taken it."""
-    if code is None:
-        return "its worker process died"
-    return f"its worker process died ({f'signal {-code}' if code < 0 else f'exit code {code}'})"
-
-
-def _understood(message: bytes) -> tuple[bool, Any]:
-    try:
-        done, value = pickle.loads(message)
-    except Exception as error:  # what was raised there cannot be made again here
-        return False, error
-    return bool(done), value
+        self._pool.stop()  # type: ignore[no-untyped-call]
+        self._pool.join()
 
 
 def answer(future: Future[Any]) -> Any:
     """What a finished call returned. Raises Lost, with the signal or exit code, when the process died instead."""
-    return future.result(timeout=0)
+    try:
+        return future.result(timeout=0)
+    except pebble.ProcessExpired as death:
+        code = death.exitcode
+        end = f"signal {-code}" if code < 0 else f"exit code {code}"
+        raise Lost(f"its worker process died ({end})") from None
+    except BrokenProcessPool:
+        raise Lost("its worker process died") from None
 
 
 def warm(runner: str, lock: str) -> int:
@@ -132,34 +84,6 @@ def warm(runner: str, lock: str) -> int:
     with held(Path(lock), wait=True):
         worker.resolve(f"{runner.partition(':')[0]}:warm_up")()
     return os.getpid()
-
-
-def _serve(pipe: Connection, parent: int) -> None:
-    """The life of a worker: a call, its answer, the next."""
-    signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is for the service, which stops its workers
-    _prepare(parent)
-    while True:
-        try:
-            message = pipe.recv_bytes()
-        except EOFError:
-            return
-        pipe.send_bytes(_done(message))
-
-
-def _done(message: bytes) -> bytes:
-    """The answer to a call: what it returned, or what it raised."""
-    try:
-        function, args = pickle.loads(message)
-        return pickle.dumps((True, function(*args)), protocol=pickle.HIGHEST_PROTOCOL)
-    except Exception as error:
-        return _raised(error)
-
-
-def _raised(error: Exception) -> bytes:
-    try:
-        return pickle.dumps((False, error))
-    except Exception:  # an exception that cannot be sent is told in words
-        return pickle.dumps((False, RuntimeError(f"{type(error).__name__}: {error}")))
 
 
 def _prepare(parent: int) -> None:
