@@ -123,16 +123,23 @@ async def _told(service: Service, request: Request, job_id: str | None, after: i
                     return
             if len(news) == _BATCH:
                 continue
-            for job in running:
-                if job.progress and versions.get(job.id) != job.version:
-                    versions[job.id] = job.version
-                    yield _progress(job)
+            for job in _advanced(running, versions):
+                yield _progress(job)
             if service.changes.closed or await request.is_disconnected():
                 return
             try:
                 await asyncio.wait_for(changed.wait(), KEEP_ALIVE_S)
             except TimeoutError:
                 yield KEEPALIVE_COMMENT
+
+
+def _advanced(running: list[Job], versions: dict[str, int]) -> list[Job]:
+    """Those with other progress than in `versions`, which becomes that of these jobs: a stream outlives many jobs."""
+    begun = {job.id: job for job in running if job.progress}
+    news = [job for job in begun.values() if versions.get(job.id) != job.version]
+    versions.clear()
+    versions.update((job.id, job.version) for job in begun.values())
+    return news
 
 
 def _news(service: Service, job_id: str | None, after: int) -> tuple[list[Event], list[Job]]:

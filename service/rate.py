@@ -6,6 +6,7 @@ import threading
 from collections.abc import Callable
 
 _BURST_S = 2.0
+_FORGET_ABOVE = 1000  # callers
 
 
 class Rate:
@@ -15,7 +16,8 @@ class Rate:
         self._per_s = per_s
         self._clock = clock
         self._lock = threading.Lock()
-        self._buckets: dict[str, tuple[float, float]] = {}
+        self._buckets: dict[str, tuple[float, float]] = {}  # of who asked lately
+        self._forget_above = _FORGET_ABOVE
 
     def wait_s(self, caller: str) -> float:
         """0 when the request may go on, which is then counted; else the seconds until the next one may."""
@@ -28,4 +30,11 @@ class Rate:
             tokens = min(most, tokens + (now - before) * self._per_s)
             allowed = tokens >= 1.0
             self._buckets[caller] = (tokens - allowed, now)
+            if len(self._buckets) > self._forget_above:
+                self._forget(before=now - most / self._per_s)
         return 0.0 if allowed else (1.0 - tokens) / self._per_s
+
+    def _forget(self, *, before: float) -> None:
+        """Leave out those who asked last before then: their buckets are full again, as those of newcomers are."""
+        self._buckets = {caller: bucket for caller, bucket in self._buckets.items() if bucket[1] > before}
+        self._forget_above = max(_FORGET_ABOVE, 2 * len(self._buckets))

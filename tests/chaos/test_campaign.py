@@ -16,7 +16,7 @@ from needlebench import Client
 from service import pool
 from service.settings import RUNNER
 from tests.acceptance.server import running_server, until
-from tests.chaos.flat import cpu_s
+from tests.chaos.flat import Held, cpu_s
 from tests.chaos.instant import SPIN, only_the_job
 
 _WORKERS = 2
@@ -33,6 +33,7 @@ _SHORT: dict[str, Any] = {  # what a laboratory would call so: the default mesh 
     "recording": {"enabled": False},
 }
 _PAGE = 1000  # events in an answer
+_HALF_MB = 5.0  # [ours] by the second half of the jobs; 5 kB each of 2,000 would be as much
 
 
 @pytest.mark.parametrize(
@@ -54,7 +55,11 @@ def test_a_campaign_of_short_jobs(
         used_s, asked = cpu_s(server.process.pid), time.monotonic()
         campaign = server.client.start_campaign({"scenario": scenario, "grid": {"seed": list(range(campaign_jobs))}})
         answered_s = time.monotonic() - asked
-        done = server.client.wait_campaign(campaign.id)
+        samples: list[tuple[int, float]] = []  # jobs that have succeeded, MB
+        pid = server.process.pid
+        done = server.client.wait_campaign(
+            campaign.id, progress=lambda now: samples.append((now.jobs.get("succeeded", 0), Held.by(pid).memory_mb))
+        )
         used_s = cpu_s(server.process.pid) - used_s
         assert done.jobs["succeeded"] == sum(done.jobs.values()) == campaign_jobs
         _each_once(server.client, campaign_jobs)
@@ -64,7 +69,9 @@ def test_a_campaign_of_short_jobs(
     figures.update(kind=kind, jobs=campaign_jobs, lost=0, done_twice=0, through_the_service=f"{through:.2f}/s")
     figures.update(bare_engine=f"{bare:.2f}/s (before {before:.2f}, after {after:.2f})")
     figures.update(ratio=f"{through / bare:.3f}", server_ms_per_job=round(1e3 * used_s / campaign_jobs, 2))
-    figures.update(accepted_after_s=round(answered_s, 2))
+    held = [next(mb for ended, mb in samples if ended >= share * campaign_jobs) for share in (0.1, 0.5, 1.0)]
+    figures.update(accepted_after_s=round(answered_s, 2), memory_mb=held)
+    assert held[2] <= held[1] + _HALF_MB
 
 
 def _each_once(client: Client, jobs: int) -> None:

@@ -9,6 +9,7 @@ import pytest
 from starlette.testclient import TestClient
 
 from service.core import Service
+from service.events import _advanced
 from service.jobs import Outcome
 from tests.service.http import finish, idle_service
 
@@ -89,3 +90,24 @@ def test_a_pinned_job_is_kept(both: tuple[TestClient, Service]) -> None:
         assert http.delete(f"{url}/pin").status_code == 204
     assert http.get(url).json()["pinned"] is False
     assert http.delete(url).status_code == 204
+
+
+def test_a_stream_tells_each_progress_once_and_remembers_no_job_that_has_ended(
+    both: tuple[TestClient, Service],
+) -> None:
+    http, service = both
+    versions: dict[str, int] = {}
+    for _ in range(3):
+        submit(http)
+        started = service.store.claim()
+        assert started is not None
+        assert _advanced([started], versions) == []
+        for step in (1, 2):
+            service.store.beat(started, {"step": step, "steps": 2, "fraction": 0.5 * step})
+            running = service.store.newest(state="running")
+            assert [job.id for job in _advanced(running, versions)] == [started.id]
+            assert _advanced(running, versions) == []
+        assert list(versions) == [started.id]
+        service.store.finish(started, Outcome(state="succeeded", result={}))
+        assert _advanced(service.store.newest(state="running"), versions) == []
+        assert versions == {}

@@ -222,3 +222,21 @@ def test_a_bucket_fills_at_its_rate() -> None:
     now[0] = 1000.0
     assert sum(not rate.wait_s("a") for _ in range(10)) == 4
     assert not any(Rate(0.0, lambda: 0.0).wait_s("a") for _ in range(1000))
+
+
+def test_who_asked_long_ago_is_forgotten_and_who_asked_too_often_is_not() -> None:
+    now = [0.0]
+    rate = Rate(2.0, lambda: now[0])
+    for number in range(5000):
+        now[0] += 0.1
+        rate.wait_s(f"key {number}")
+        assert len(rate._buckets) <= 1001
+    while not rate.wait_s("greedy"):
+        pass
+    for number in range(3000):
+        rate.wait_s(f"other {number}")
+    assert rate.wait_s("greedy") == 0.5
+    now[0] += 10.0
+    for number in range(10_000):
+        rate.wait_s(f"newcomer {number}")
+    assert "greedy" not in rate._buckets

@@ -71,6 +71,14 @@ def test_made_up_methods_are_counted_as_one(both: tuple[TestClient, Service]) ->
     assert sum(count for labels, count in counted.items() if labels[0] == "other") == 5
 
 
+def test_methods_that_a_route_does_not_take_are_counted_as_one(both: tuple[TestClient, Service]) -> None:
+    http, _ = both
+    for method in ("PUT", "PATCH", "DELETE", "OPTIONS"):
+        assert http.request(method, JOBS).status_code == 405
+    counted = figures(http)["needlebench_http_answer_seconds_count"]
+    assert {labels: count for labels, count in counted.items() if labels[2] == "405"} == {("other", JOBS, "405"): 4}
+
+
 def test_two_services_do_not_share_their_figures(tmp_path: Path) -> None:
     with idle_service(tmp_path / "a") as (one, _), idle_service(tmp_path / "b") as (other, _):
         one.post(JOBS, json={"scenario": "line"})
