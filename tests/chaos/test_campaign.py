@@ -33,7 +33,7 @@ _SHORT: dict[str, Any] = {  # what a laboratory would call so: the default mesh 
     "recording": {"enabled": False},
 }
 _PAGE = 1000  # events in an answer
-_HALF_MB = 5.0  # [ours] by the second half of the jobs; 5 kB each of 2,000 would be as much
+_HALF_MB = 10.0  # [ours] by the second half of the jobs; 10 kB each of 2,000 would be as much
 
 
 @pytest.mark.parametrize(
