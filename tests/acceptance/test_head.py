@@ -33,8 +33,10 @@ def readable(server: Server, http: httpx2.Client) -> list[str]:
     nightly = {"name": "nightly", "cron": "0 2 * * *", "campaign": {"grid": {"seed": [0]}}}
     schedule = http.post("/api/v1/schedules", json=nightly).json()["id"]
     known = {"job_id": job, "campaign_id": campaign, "schedule_id": schedule, "name": "demo", "suite": "one"}
+    known["model_id"] = "elm"
     paths = [path for path, methods in http.get("/openapi.json").json()["paths"].items() if "get" in methods]
-    pages = ["/", "/submit", "/jobs/{job_id}", "/campaigns", "/campaigns/{campaign_id}", "/schedules", "/trends"]
+    pages = ["/", "/submit", "/jobs/{job_id}", "/campaigns", "/campaigns/{campaign_id}", "/schedules"]
+    pages += ["/trends", "/models", "/models/{model_id}"]
     blank = {"upload_id": "0", "key_id": "0", "artefact_id": "0"}
     return [path.format_map({**blank, **known}) for path in [*paths, *pages, "/openapi.json", "/nothing"]]
 
