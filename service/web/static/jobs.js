@@ -2,7 +2,7 @@
 import { send, words } from "./app.js";
 import { follow, millimetres, refresh, span } from "./live.js";
 
-follow("/api/v1/events", (kind, data) => {
+const stream = follow("/api/v1/events", (kind, data) => {
   if (kind !== "progress") return refresh();
   const row = document.querySelector(`#jobs tr[data-key="${CSS.escape(data.job)}"]`);
   if (!row) return;
@@ -13,6 +13,7 @@ follow("/api/v1/events", (kind, data) => {
   row.querySelector("[data-error]").textContent = millimetres(data.tip_error_mm, 3);
   if (document.querySelector("#campaigns table")) refresh();
 });
+stream.addEventListener("open", () => refresh()); // what happened after the page was made and before the stream began
 
 /** What an operator should know: a disk that runs short, workers that do not start. */
 async function readiness() {
