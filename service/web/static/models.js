@@ -66,4 +66,5 @@ form.addEventListener("submit", async (event) => {
 
 field("kind").addEventListener("change", settle);
 settle();
-follow("/api/v1/events", (kind) => { if (kind !== "progress") refresh(); });
+const stream = follow("/api/v1/events", (kind) => { if (kind !== "progress") refresh(); });
+stream.addEventListener("open", () => refresh());
