@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from service.cli_service import asked, client_of, url_option
+from service.cli_service import asked, client_of, told, url_option
 from simcore.errors import Problem, ScenarioError
 
 if TYPE_CHECKING:
@@ -101,7 +101,6 @@ def train(ctx: click.Context, /, source: str, kind: str, wait: bool, url: str | 
     Exit code with --wait: 0 trained; 1 failed, cancelled or timed out; 2 bad input
     """
     from service.cli_learn import layers_of
-    from service.follow import follow
 
     settings = {name: value for name, value in asked_for.items() if value is not None}
     if "hidden" in settings:
@@ -109,15 +108,9 @@ def train(ctx: click.Context, /, source: str, kind: str, wait: bool, url: str | 
     with client_of(url) as client:
         data = _data(client, source)
         job = asked(lambda: client.train_model(data, kind=kind, **settings))
-        click.echo(job.id)
-        if not wait:
-            click.echo(f"{client.url}{job.raw['links']['self']}", err=True)
+        done = told(client, job, wait=wait)
+        if done is None:
             return
-        try:
-            done = follow(client, job)
-        except KeyboardInterrupt:
-            click.echo(f"the training goes on; to stop it: needlebench cancel {job.id}", err=True)
-            raise
         if not done.success:
             click.echo(f"{done.state}: {(done.error or {}).get('message', '')}", err=True)
             ctx.exit(1)

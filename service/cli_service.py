@@ -152,21 +152,28 @@ def submit(
                            3 completed without success, or not converged
                            1 failed, cancelled or timed out; 2 bad scenario
     """
-    from service.follow import exit_code, follow
+    from service.follow import exit_code
 
     with client_of(url) as client:
         job = _submitted(client, source, changes, priority, timeout_s)
-        click.echo(job.id)
-        if not wait:
-            click.echo(f"{client.url}{job.raw['links']['self']}", err=True)
-            return
-        try:
-            done = follow(client, job)
-        except KeyboardInterrupt:
-            click.echo(f"the job goes on; to stop it: needlebench cancel {job.id}", err=True)
-            raise
-        _print_end(client, done)
-        ctx.exit(exit_code(done))
+        if done := told(client, job, wait=wait):
+            _print_end(client, done)
+            ctx.exit(exit_code(done))
+
+
+def told(client: Client, job: JobStatus, *, wait: bool) -> JobStatus | None:
+    """Print the id of a job that was just queued; wait: and follow it to its end, which is returned."""
+    from service.follow import follow
+
+    click.echo(job.id)
+    if not wait:
+        click.echo(f"{client.url}{job.raw['links']['self']}", err=True)
+        return None
+    try:
+        return follow(client, job)
+    except KeyboardInterrupt:
+        click.echo(f"the job goes on; to stop it: needlebench cancel {job.id}", err=True)
+        raise
 
 
 @click.command()

@@ -25,7 +25,7 @@ if TYPE_CHECKING:
 __all__ = ["Client", "JobEvent", "JobStatus", "Progress", "ServiceError", "Unreachable", "Uploaded"]
 
 TERMINAL = frozenset({"succeeded", "failed", "cancelled", "timed_out"})
-_POLL_S = 20.0
+POLL_S = 20.0  # longest wait for an answer to one question of `wait`
 _RETRIED_S = 30.0
 _PAUSE_S = 0.3  # before connecting again
 
@@ -179,10 +179,10 @@ class Client(CampaignCalls, ModelCalls):
                 progress(job)
             if job is not None and job.terminal:
                 return job
-            left = _POLL_S if end is None else end - time.monotonic()
+            left = POLL_S if end is None else end - time.monotonic()
             if left <= 0:
                 raise TimeoutError(f"job {job_id} did not end within {timeout_s:g} s")
-            job, tag = self._changed(job_id, tag, min(left, _POLL_S))
+            job, tag = self._changed(job_id, tag, min(left, POLL_S))
 
     def _changed(self, job_id: str, tag: str | None, wait_s: float) -> tuple[JobStatus | None, str | None]:
         """The job once it differs from version `tag`, or None after `wait_s`; its version."""

@@ -15,7 +15,7 @@ from pathlib import Path
 from typing import Any
 
 from needlebench import Client
-from service.client import _POLL_S
+from service.client import POLL_S
 from service.settings import RUNNER
 from tests.acceptance.server import ROOT, Server, running_server
 from tests.chaos.flat import cpu_s
@@ -101,7 +101,7 @@ def test_many_clients(tmp_path: Path, clients: int, seconds: float, figures: dic
 
 def _asked(server: Server, clients: int, seconds: float) -> dict[str, Any]:
     """What the clients measured, in a process of their own."""
-    command = [sys.executable, "-m", "tests.chaos.clients", server.url, str(seconds), str(_POLL_S)]
+    command = [sys.executable, "-m", "tests.chaos.clients", server.url, str(seconds), str(POLL_S)]
     theirs = json.dumps([scenario(number) for number in range(clients)])
     done = subprocess.run(command, cwd=ROOT, check=True, input=theirs, stdout=subprocess.PIPE, text=True)
     measured: dict[str, Any] = json.loads(done.stdout)
