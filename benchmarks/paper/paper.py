@@ -124,7 +124,8 @@ def models_of(plan: Plan) -> list[tuple[str, str, int]]:
 
 
 def worth_recording(outcomes: Sequence[Outcome], *, failed: int) -> list[Outcome]:
-    """The best, median and worst test case of each controller along LIN and CUR, then the first failed ones."""
+    """The best, median and worst test case of each controller along LIN and CUR, then the first that failed or lost
+    their target: those that failed before the others, and those of these controllers before the baselines'."""
     main = [outcome for outcome in outcomes if outcome.case.labels.get("purpose") == "main"]
     chosen: dict[str, Outcome] = {}
     for group in RECORDED_GROUPS:
@@ -135,6 +136,7 @@ def worth_recording(outcomes: Sequence[Outcome], *, failed: int) -> list[Outcome
             if ranked:
                 chosen |= {o.case.id: o for o in (ranked[0], ranked[len(ranked) // 2], ranked[-1])}
     lost = [o for o in main if not o.result["metrics"]["success"] and o.result["digest"]]
+    lost.sort(key=lambda o: (o.result["metrics"]["stable"], o.case.labels["arm"] not in RECORDED_ARMS))
     chosen |= {o.case.id: o for o in lost[:failed]}
     return list(chosen.values())
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import math
 import re
 from html.parser import HTMLParser
 from pathlib import Path
@@ -12,6 +13,7 @@ from xml.etree import ElementTree
 import pytest
 
 from benchmarks.paper.page import html, interval, mm, p_value, percent, signed
+from benchmarks.paper.paper import worth_recording
 from benchmarks.paper.places import chosen
 from benchmarks.paper.records import Case, Outcome
 from benchmarks.paper.report import SCHEMA, document, main_table_markdown, write
@@ -247,3 +249,14 @@ def test_the_main_table_is_that_of_the_primary_condition(report: dict[str, Any])
 )
 def test_numbers_for_people(shown: str, text: str) -> None:
     assert shown == text
+
+
+def test_failed_insertions_are_recorded_before_those_that_only_lost_their_target() -> None:
+    def case(number: int, arm: str, rmse_mm: float) -> Outcome:
+        return outcome(f"{number}-{arm}", rmse_mm, labelled("LIN", arm, number, "") | {"purpose": "main"})
+
+    good = [case(number, "elm", 0.1 * (number + 1)) for number in range(3)]
+    lost = [case(3, "open_loop", 2.0), case(4, "rigid", math.inf), case(5, "elm", 1.9), case(6, "elm", math.inf)]
+    found = [made.case.id for made in worth_recording([*lost, *good], failed=2)]
+    assert found[-2:] == ["6-elm", "4-rigid"]
+    assert {"0-elm", "5-elm"} <= set(found)
