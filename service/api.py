@@ -10,12 +10,11 @@ from contextlib import suppress
 from typing import Annotated, Any
 
 from fastapi import APIRouter, Header, Query, Request, Response, status
-from starlette.concurrency import run_in_threadpool
 
 from service.core import JobId, Service, ServiceOf, documented, matches
 from service.cost import check_cost
-from service.jobs import Job
 from service.schemas import JobPage, JobRequest, JobSummary, JobView, State
+from service.statuses import Status
 from simcore.files import names_mean
 from simcore.presets import preset
 from simcore.scenario import Scenario
@@ -23,7 +22,7 @@ from simcore.scenario import Scenario
 router = APIRouter(prefix="/api/v1/jobs", tags=["jobs"])
 
 LONGEST_WAIT_S = 60.0
-_LOOK_S = 5.0  # how often a long poll looks whether somebody still waits for it
+_LOOK_S = 20.0  # how often a long poll looks whether somebody still waits for it
 LOCATION = {"Location": {"description": "Where the job is.", "schema": {"type": "string"}}}
 
 
@@ -62,12 +61,8 @@ def submit_job(
         uploads=sorted(uploads),
     )
     service.engine.poke()
-    return _whole(job, status.HTTP_202_ACCEPTED, {"Location": f"/api/v1/jobs/{job.id}"})
-
-
-def _whole(job: Job, code: int, headers: dict[str, str]) -> Response:
-    """All of a job, written once: the framework would check it again and turn it into JSON by way of Python."""
-    return Response(JobView.of(job).model_dump_json(), code, headers, media_type="application/json")
+    headers = {"Location": f"/api/v1/jobs/{job.id}"}
+    return Response(Status.of(job).body, status.HTTP_202_ACCEPTED, headers, media_type="application/json")
 
 
 def _scenario(value: Any, service: Service) -> tuple[Scenario, set[str]]:
@@ -126,35 +121,28 @@ async def get_job(
 ) -> Response:
     """The job now. With `wait`, when it has ended or the time is over; with If-None-Match too, as soon as it
     differs from that version."""
-    headers = {"Cache-Control": "no-cache"}
-    if wait or if_none_match is not None:
-        version = await _settled(service, request, job_id, wait, if_none_match)
-        if matches(if_none_match, version):
-            return Response(status_code=304, headers={"ETag": version, **headers})
-    job = await run_in_threadpool(service.store.get, job_id)
-    return _whole(job, status.HTTP_200_OK, {"ETag": etag(job), **headers})
+    now = await (_settled(service, request, job_id, wait, if_none_match) if wait else service.statuses.of(job_id))
+    headers = {"ETag": now.tag, "Cache-Control": "no-cache"}
+    if matches(if_none_match, now.tag):
+        return Response(status_code=status.HTTP_304_NOT_MODIFIED, headers=headers)
+    return Response(now.body, status.HTTP_200_OK, headers, media_type="application/json")
 
 
-def etag(job: Job) -> str:
-    """The version of a job as an entity tag."""
-    return f'"{job.version}"'
-
-
-async def _settled(service: Service, request: Request, job_id: str, wait_s: float, known: str | None) -> str:
-    """Wait until there is something to answer; the version of the job then."""
+async def _settled(service: Service, request: Request, job_id: str, wait_s: float, known: str | None) -> Status:
+    """The job once there is something to answer."""
     clock = asyncio.get_running_loop().time
     end = clock() + wait_s
     with service.changes.watch(job_id) as changed:
         while True:
             changed.clear()  # before reading: a change after it is not missed
-            job = await run_in_threadpool(service.store.glance, job_id)
-            news = known is not None and not matches(known, etag(job))
-            if job.terminal or news or service.changes.closed:
-                return etag(job)
+            now = await service.statuses.of(job_id)
+            news = known is not None and not matches(known, now.tag)
+            if now.terminal or news or service.changes.closed:
+                return now
             while not changed.is_set():
                 left = end - clock()
                 if left <= 0 or await request.is_disconnected():
-                    return etag(job)
+                    return now
                 with suppress(TimeoutError):
                     await asyncio.wait_for(changed.wait(), min(left, _LOOK_S))
 

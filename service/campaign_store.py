@@ -183,6 +183,7 @@ class CampaignStore:
         ]
         if events:
             connection.execute(insert(tables.event), events)
+            self._store.changed_within(event["job_id"] for event in events)
         row = connection.execute(
             update(_campaign)
             .where(_campaign.c.id == campaign_id)
@@ -248,6 +249,7 @@ class CampaignStore:
             mine = select(_case.c.job_id).where(_case.c.campaign_id == campaign_id, _case.c.job_id.is_not(None))
             ids = list(connection.execute(mine).scalars())
             connection.execute(delete(_job).where(_job.c.id.in_(mine)))
+            self._store.changed_within(ids)
             connection.execute(delete(_campaign).where(_campaign.c.id == campaign_id))
         return ids
 

@@ -22,6 +22,7 @@ from service.problems import MEDIA_TYPE, HttpProblem
 from service.schedule_store import ScheduleStore
 from service.schemas import ProblemDetails
 from service.settings import Settings
+from service.statuses import Statuses
 from service.store import Store
 from service.uploads import Uploads
 
@@ -34,6 +35,7 @@ class Service:
     store: Store
     engine: Engine
     changes: Changes
+    statuses: Statuses
     monitor: Monitor
     keys: Keys
     uploads: Uploads
@@ -47,7 +49,9 @@ class Service:
     def open(cls, settings: Settings) -> Service:
         """The service on its data folder, not yet running. Raises DatabaseTooNew."""
         changes, monitor = Changes(), Monitor()
-        store = Store(open_database(settings.database), notify=changes.notify, limits=settings.limits)
+        store = Store(open_database(settings.database), limits=settings.limits)
+        statuses = Statuses(store)
+        store.listen(statuses.forget, changes.notify)  # in this order: who is woken reads anew
         keys = Keys(store, environment_key=settings.api_key, always=not settings.loopback)
         uploads = Uploads(settings.uploads, store, settings.limits)
         engine, campaigns = Engine(settings, store, monitor, uploads), CampaignStore(store)
@@ -59,6 +63,7 @@ class Service:
             store=store,
             engine=engine,
             changes=changes,
+            statuses=statuses,
             monitor=monitor,
             keys=keys,
             uploads=uploads,

@@ -35,6 +35,7 @@ _log = logging.getLogger(logs.ROOT)
 ENDPOINT = "endpoint.json"
 _PORTS_TRIED = 50
 _GRACE_S = 3
+_IDLE_S = 75  # that a connection is kept: who asks every few seconds need not connect anew
 _M_ARENA_MAX = -8  # of glibc's mallopt
 
 
@@ -137,11 +138,13 @@ class _Server(uvicorn.Server):
         config = uvicorn.Config(
             create_app(service),
             http=Protocol,
+            ws="none",
             log_config=None,
             log_level="warning",
             access_log=False,
             server_header=False,
             timeout_graceful_shutdown=_GRACE_S,
+            timeout_keep_alive=_IDLE_S,
             lifespan="on",
         )
         super().__init__(config)

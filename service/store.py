@@ -5,7 +5,7 @@ from __future__ import annotations
 import secrets
 import threading
 import time
-from collections.abc import Callable, Collection, Iterator
+from collections.abc import Callable, Collection, Iterable, Iterator
 from contextlib import AbstractContextManager, contextmanager
 from dataclasses import replace
 from typing import Any
@@ -44,14 +44,13 @@ _job = tables.job
 
 
 class Store(Reads):
-    """Jobs, artefacts and events. `now` gives UTC seconds since 1970; `notify` hears the id of each changed job."""
+    """Jobs, artefacts and events. `now` gives UTC seconds since 1970; `listen` says who hears of each changed job."""
 
     def __init__(
         self,
         engine: Engine,
         *,
         now: Callable[[], float] = time.time,
-        notify: Callable[[str], None] = lambda _: None,
         limits: Limits | None = None,
     ) -> None:
         super().__init__(engine)
@@ -59,8 +58,23 @@ class Store(Reads):
         self._lazy_writer = engine.execution_options(write="lazy")
         self._turn = threading.Lock()  # writers of this process queue up here and not in SQLite's busy loop
         self._now = now
-        self.notify = notify
         self._limits = limits or Limits()
+        self._hearers: tuple[Callable[[str], None], ...] = ()
+        self._changed: list[str] = []  # within the transaction of whoever has the turn
+
+    def listen(self, *hearers: Callable[[str], None]) -> None:
+        """From now on these hear the id of each job that changed, one after the other, once the change can be read."""
+        self._hearers = hearers
+
+    def notify(self, *job_ids: str) -> None:
+        """Tell who listens that these changed."""
+        for job_id in job_ids:
+            for hear in self._hearers:
+                hear(job_id)
+
+    def changed_within(self, job_ids: Iterable[str]) -> None:
+        """Within a transaction that writes: these are told of once it is committed."""
+        self._changed.extend(job_ids)
 
     @property
     def now(self) -> float:
@@ -78,8 +92,12 @@ class Store(Reads):
     @contextmanager
     def _write(self, *, lazy: bool = False) -> Iterator[Connection]:
         """lazy: do not wait for the disk, as nobody was promised anything yet."""
-        with self._turn, (self._lazy_writer if lazy else self._writer).begin() as connection:
-            yield connection
+        with self._turn:
+            self._changed = []
+            with (self._lazy_writer if lazy else self._writer).begin() as connection:
+                yield connection
+            changed = self._changed
+        self.notify(*changed)
 
     def close(self) -> None:
         """Give the connections back."""
@@ -221,8 +239,7 @@ class Store(Reads):
         try:
             sync(self._engine)
         finally:
-            for job_id in job_ids:
-                self.notify(job_id)
+            self.notify(*job_ids)
 
     def _end(self, connection: Connection, job: Job, outcome: Outcome) -> Job:
         values: dict[str, Any] = {

@@ -137,17 +137,17 @@ def test_a_long_poll_ends_after_its_time(http: TestClient) -> None:
 def test_a_long_poll_misses_no_change(both: tuple[TestClient, Service], monkeypatch: pytest.MonkeyPatch) -> None:
     http, service = both
     job_id = http.post(JOBS, json={"scenario": "line"}).json()["id"]
-    glance = service.store.glance
+    get = service.store.get
 
     def then_cancelled(asked: str) -> Job:
         """The job as it is, and a change before the one who asks can act on it."""
-        found = glance(asked)
+        found = get(asked)
         if not found.terminal:
             service.store.cancel(asked)
             time.sleep(0.2)
         return found
 
-    monkeypatch.setattr(service.store, "glance", then_cancelled)
+    monkeypatch.setattr(service.store, "get", then_cancelled)
     started = time.monotonic()
     assert http.get(f"{JOBS}/{job_id}?wait=30").json()["state"] == "cancelled"
     assert time.monotonic() - started < 4

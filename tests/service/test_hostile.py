@@ -23,6 +23,10 @@ from tests.service.learned import dataset_bytes, model_bytes
 pytestmark = pytest.mark.slow
 
 JOBS, UPLOADS, MODELS = "/api/v1/jobs", "/api/v1/uploads", "/api/v1/models"
+CHUNKED = (
+    b"POST /api/v1/jobs HTTP/1.1\r\nHost: 127.0.0.1\r\n"
+    b"Content-Type: application/json\r\nTransfer-Encoding: chunked\r\n\r\n"
+)
 JSON = {"Content-Type": "application/json"}
 OWN_FILES = {"endpoint.json", "needlebench.sqlite", "needlebench.sqlite-shm", "needlebench.sqlite-wal", "server.lock",
              "warm.lock", "uploads", "jobs"}  # fmt: skip
@@ -233,12 +237,28 @@ def test_hostile_headers_are_refused(server: Server, method: str, headers: dict[
     "raw",
     [
         b"GET / HTTP/1.1\r\nHost: 127.0.0.1\r\nX: " + b"x" * 200_000 + b"\r\n\r\n",
+        b"GET / HTTP/1.1\r\nHost: 127.0.0.1\r\nX: " + b"x" * 200_000,
+        b"GET / HTTP/1.1\r\nHost: 127.0.0.1\r\n" + b"X: y\r\n" * 20_000,
+        b"GET /" + b"x" * 200_000,
+        CHUNKED + b"1;" + b"x" * 200_000,
+        CHUNKED + b"2\r\n{}\r\n0\r\n" + b"X: y\r\n" * 20_000,
         b"\x16\x03\x01 this is TLS\r\n\r\n",
         b"GET / HTTP/1.1\r\n\r\n",
         b"POST /api/v1/jobs HTTP/1.1\r\nHost: 127.0.0.1\r\nContent-Length: -5\r\n\r\n",
         b"POST /api/v1/jobs HTTP/1.1\r\nHost: 127.0.0.1\r\nContent-Length: 5\r\nContent-Length: 6\r\n\r\nhello!",
     ],
-    ids=["endless header", "tls", "no host", "negative length", "two lengths"],
+    ids=[
+        "long header",
+        "endless header",
+        "endless headers",
+        "endless address",
+        "endless chunk",
+        "endless trailers",
+        "tls",
+        "no host",
+        "negative length",
+        "two lengths",
+    ],
 )
 def test_what_is_no_http_is_refused_and_closed(server: Server, raw: bytes) -> None:
     place = urlsplit(server.url)

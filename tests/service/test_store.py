@@ -35,7 +35,8 @@ def heard() -> list[str]:
 @pytest.fixture
 def store(tmp_path: Path, heard: list[str]) -> Iterator[Store]:
     clock = count(1000.5)
-    opened = Store(open_database(tmp_path / "jobs.sqlite"), now=lambda: next(clock), notify=heard.append)
+    opened = Store(open_database(tmp_path / "jobs.sqlite"), now=lambda: next(clock))
+    opened.listen(heard.append)
     yield opened
     opened.close()
 
