@@ -22,6 +22,7 @@ from service.campaigns import (
     Tally,
     UnknownCampaign,
 )
+from service.inputs import check_uploads
 from service.jobs import QUEUED, TERMINAL
 from service.jobs import RUNNING as JOB_RUNNING
 from service.store import Store
@@ -50,6 +51,7 @@ class CampaignStore:
         scheduled_for: float | None = None,
     ) -> Campaign:
         """`create` as a part of a larger transaction."""
+        check_uploads(connection, plan.uploads, {"request": plan.request})
         now = self._store.now
         values = {
             name: getattr(plan, name) for name in ("name", "request", "suite", "suite_sha256", "priority", "timeout_s")

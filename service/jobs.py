@@ -49,7 +49,11 @@ class QueueFull(NeedlebenchError):
 
 
 class UploadGone(NeedlebenchError, LookupError):
-    """A job names an upload that was deleted meanwhile."""
+    """A job names uploads that were deleted meanwhile; `problems` names the fields."""
+
+    def __init__(self, problems: list[Problem]) -> None:
+        self.problems = problems
+        super().__init__("; ".join(f"{p.field}: {p.message}" for p in problems))
 
 
 class InputGone(NeedlebenchError):

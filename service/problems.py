@@ -186,7 +186,8 @@ def _on_full(request: Request, error: Exception) -> Response:
 
 
 def _on_gone(request: Request, error: Exception) -> Response:
-    return _reply(request, 422, str(error), errors=[Problem("scenario", None, str(error))])
+    assert isinstance(error, UploadGone)
+    return _reply(request, 422, str(error), errors=error.problems)
 
 
 def _on_input_gone(request: Request, error: Exception) -> Response:

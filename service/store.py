@@ -14,6 +14,7 @@ from sqlalchemy import Connection, Engine, delete, insert, select, update
 
 from service import access_tables, tables
 from service.database import sync
+from service.inputs import check_uploads, missing
 from service.jobs import (
     CANCELLED,
     CRASHED,
@@ -31,14 +32,10 @@ from service.jobs import (
     KeyReused,
     Outcome,
     QueueFull,
-    UploadGone,
 )
 from service.limits import Limits
 from service.reads import BRIEF, COLUMNS, Reads, read, to_job
-from service.references import references
 from service.statements import ALL_QUEUED, ARTEFACT, CLAIM, END, EVENT, FILE_FIELDS, MOVE, NEW, OF_ATTEMPT, QUEUED_ALONE
-from service.upload_names import SCHEME
-from simcore.errors import Problem
 
 _job = tables.job
 
@@ -129,7 +126,8 @@ class Store(Reads):
             known = self._known(connection, key, request_hash)
             if known is not None:
                 return known
-            self._admit(connection, owner, uploads)
+            self._admit(connection, owner)
+            check_uploads(connection, uploads, spec)
             new = {
                 "id": secrets.token_hex(8),
                 "name": name,
@@ -159,8 +157,8 @@ class Store(Reads):
         self.notify(job.id)
         return job
 
-    def _admit(self, connection: Connection, owner: str | None, uploads: Collection[str]) -> None:
-        """Whether there is room in the queue, and every upload still there."""
+    def _admit(self, connection: Connection, owner: str | None) -> None:
+        """Whether there is room in the queue."""
         if connection.execute(ALL_QUEUED).scalar_one() >= self._limits.queue:  # else there is no need to look closer
             queued = connection.execute(QUEUED_ALONE).scalar_one()  # a campaign is one request, however large
             if queued >= self._limits.queue:
@@ -169,10 +167,6 @@ class Store(Reads):
             queued = connection.execute(QUEUED_ALONE.where(_job.c.owner == owner)).scalar_one()
             if queued >= (most := self._limits.queue_per_key):
                 raise QueueFull(f"{queued} jobs of this key are queued, at most {most} of one key are taken")
-        known = access_tables.upload.c.id
-        for upload_id in uploads:
-            if connection.execute(select(known).where(known == upload_id)).one_or_none() is None:
-                raise UploadGone(f"the upload {upload_id} was deleted")
 
     def _known(self, connection: Connection, key: str | None, request_hash: str) -> Job | None:
         if key is None:
@@ -310,7 +304,8 @@ class Store(Reads):
             job = read(connection, job_id)
             if not job.terminal:
                 raise IllegalTransition(job_id, job.state, QUEUED)
-            _make_sure_of_inputs(connection, job)
+            if problems := missing(connection, job.spec or {}):
+                raise InputGone(job.id, problems)
             moved = self._move(connection, job, QUEUED, fresh)
             connection.execute(delete(tables.artefact).where(tables.artefact.c.job_id == job_id))
             self._log(connection, moved, QUEUED, {"retry_of": job.state, "error": job.error})
@@ -383,17 +378,3 @@ def _error(outcome: Outcome) -> dict[str, Any] | None:
 def _attempt(job: Job) -> dict[str, Any]:
     """What `OF_ATTEMPT` asks for: the job as it was read; the attempt is the fence against an owner of before."""
     return {"of_id": job.id, "of_attempt": job.attempt, "of_state": job.state}
-
-
-def _make_sure_of_inputs(connection: Connection, job: Job) -> None:
-    """Raises InputGone when an upload that the job names is not there any more."""
-    known = access_tables.upload.c.id
-    message = "the upload was deleted: send it again with `needlebench upload`"
-    problems = [
-        Problem(field, f"{SCHEME}{upload_id}", message)
-        for part in (job.spec or {}).values()
-        for field, upload_id in references(part)
-        if connection.execute(select(known).where(known == upload_id)).one_or_none() is None
-    ]
-    if problems:
-        raise InputGone(job.id, problems)

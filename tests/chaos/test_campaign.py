@@ -33,7 +33,7 @@ _SHORT: dict[str, Any] = {  # what a laboratory would call so: the default mesh 
     "recording": {"enabled": False},
 }
 _PAGE = 1000  # events in an answer
-_HALF_MB = 10.0  # [ours] by the second half of the jobs; 10 kB each of 2,000 would be as much
+_HALF_MB = 5.0  # [ours] by the second half of the jobs; 6 kB each of 800 would be as much
 
 
 @pytest.mark.parametrize(
@@ -69,9 +69,9 @@ def test_a_campaign_of_short_jobs(
     figures.update(kind=kind, jobs=campaign_jobs, lost=0, done_twice=0, through_the_service=f"{through:.2f}/s")
     figures.update(bare_engine=f"{bare:.2f}/s (before {before:.2f}, after {after:.2f})")
     figures.update(ratio=f"{through / bare:.3f}", server_ms_per_job=round(1e3 * used_s / campaign_jobs, 2))
-    held = [next(mb for ended, mb in samples if ended >= share * campaign_jobs) for share in (0.1, 0.5, 1.0)]
+    held = [next(mb for ended, mb in samples if ended >= share * campaign_jobs) for share in (0.1, 0.5, 0.9, 1.0)]
     figures.update(accepted_after_s=round(answered_s, 2), memory_mb=held)
-    assert held[2] <= held[1] + _HALF_MB
+    assert held[2] <= held[1] + _HALF_MB  # at the very end all results are read at once, for the trend
 
 
 def _each_once(client: Client, jobs: int) -> None:

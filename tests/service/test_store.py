@@ -24,6 +24,7 @@ from service.jobs import (
 )
 from service.monitor import Monitor
 from service.retention import Policy, clear
+from service.statements import NEXT
 from service.store import Store
 
 
@@ -326,3 +327,12 @@ def test_what_a_client_is_promised_waits_for_the_disk(store: Store) -> None:
     for lazy, level in ((True, 1), (False, 2), (True, 1)):  # NORMAL, FULL
         with store._write(lazy=lazy) as connection:
             assert connection.exec_driver_sql("PRAGMA synchronous").scalar() == level
+
+
+def test_the_next_job_is_found_without_looking_at_the_others(store: Store) -> None:
+    """However many are queued."""
+    dialect = store.engine.dialect
+    plan = "EXPLAIN QUERY PLAN " + str(NEXT.element.compile(dialect=dialect, compile_kwargs={"literal_binds": True}))
+    with store.reading() as connection:
+        steps = [row.detail for row in connection.exec_driver_sql(plan)]
+    assert steps == ["SCAN job USING INDEX ix_job_queued"]

@@ -95,12 +95,21 @@ def test_a_job_names_an_upload_and_holds_it_until_it_has_ended(
     assert "no upload of this service" in told.json()["detail"]
 
 
-def test_an_upload_that_goes_while_a_job_is_submitted_is_told(both: tuple[TestClient, Service], tmp_path: Path) -> None:
+@pytest.mark.parametrize("path", [JOBS, "/api/v1/campaigns"])
+def test_an_upload_that_goes_while_something_is_submitted_is_told(
+    both: tuple[TestClient, Service], tmp_path: Path, path: str
+) -> None:
     http, service = both
     sent = send(http, box(tmp_path)).json()
     service.uploads.delete(sent["id"])
     (service.settings.uploads / sent["id"]).write_bytes(box(tmp_path))
-    assert http.post(JOBS, json={"scenario": scenario(sent["reference"])}).status_code == 422
+    asked: dict[str, Any] = {"scenario": scenario(sent["reference"])}
+    told = http.post(path, json=asked if path == JOBS else {**asked, "grid": {"seed": [0, 1]}})
+    assert told.status_code == 422, told.text
+    (error,) = told.json()["errors"]
+    field = "tissue.mesh_file" if path == JOBS else "scenario.tissue.mesh_file"
+    assert (error["field"], error["value"]) == (field, sent["reference"])
+    assert service.store.newest() == []
 
 
 def test_a_mesh_that_does_not_fit_the_scenario_is_refused_at_submission(http: TestClient, tmp_path: Path) -> None:
