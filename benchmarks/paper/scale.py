@@ -96,7 +96,7 @@ SCALES = {
         seed_paths=4,
         timing=2,
     ),
-    "full": Scale(name="full", reference_young=10, baselines=5),
+    "full": Scale(name="full", reference_young=10, baselines=5, timing=10),
     "extended": Scale(
         name="extended",
         young_ifem=True,
@@ -105,7 +105,7 @@ SCALES = {
         noise=100,
         baselines=100,
         seed_paths=25,
-        timing=5,
+        timing=10,
         sensitivity_lin=10,
         sensitivity_cur=10,
     ),
