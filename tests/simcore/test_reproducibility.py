@@ -21,7 +21,7 @@ from simcore.scenario import Scenario
 from tests.verification import verify
 
 ROOT = Path(__file__).resolve().parents[2]
-SOURCE = "definition: one scenario, one result, issue 3"
+SOURCE = "definition: one scenario, one result"
 SMALL: dict[str, Any] = {
     "name": "small",
     "seed": 7,
