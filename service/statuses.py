@@ -11,7 +11,7 @@ from service.jobs import Job
 from service.reads import Reads
 from service.schemas import JobView
 
-_MOST = 1000  # jobs that are remembered, about 6 kB each
+_MOST = 500  # jobs that are remembered, about 6 kB each
 
 
 @dataclass(frozen=True, slots=True)

@@ -77,13 +77,10 @@ def seconds() -> float:
 
 @pytest.fixture
 def campaign_jobs(request: pytest.FixtureRequest) -> int:
-    """How many jobs a campaign has, a fifth of them where one takes some 0.3 s; without a number only those of the
-    cheap kind are run, and few."""
-    kind = request.node.callspec.id
-    if JOBS not in os.environ and kind != "50ms":
+    """How many jobs a campaign has; without a number only those of the cheap kind are run, and few."""
+    if JOBS not in os.environ and request.node.callspec.id != "50ms":
         pytest.skip("a measurement of minutes: make chaos")
-    jobs = int(os.environ.get(JOBS, _SHORT_CAMPAIGN))
-    return max(2, jobs // 5) if kind == "short" else jobs
+    return int(os.environ.get(JOBS, _SHORT_CAMPAIGN))
 
 
 @pytest.fixture
