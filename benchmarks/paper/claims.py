@@ -215,7 +215,7 @@ def variable_stability(findings: Findings) -> Claim:
     reason = f"98 % lies {'inside' if inside else 'outside'} the interval; "
     if min(len(failed), len(rest)) < FEW_FAILURES:
         verdict = NOT_TESTABLE if inside else CONTRADICTED
-        reason += f"{len(failed)} failures have no places that could be compared"
+        reason += f"{len(failed)} failed, too few to compare where"
         return Claim("variable", text, source, verdict, figure, "Wilson 95 %", None, "", reason)
     p = statistics.mann_whitney_p(failed, rest)
     near, far = statistics.middle(failed), statistics.middle(rest)
