@@ -34,7 +34,8 @@ class Line:
 
 @dataclass(frozen=True)
 class BoxMark:
-    """A box plot at a place on the x axis: quartiles, whiskers, points beyond. colour: number of the series."""
+    """A box plot at a place on the x axis: quartiles, whiskers, points beyond. colour: number of the series. What is
+    infinite is drawn at the top of the axis."""
 
     x: float
     low: float
@@ -283,10 +284,10 @@ def _shadow(line: Line, x_axis: Axis, y_axis: Axis, series: int) -> str:
 def _box(box: BoxMark, x_axis: Axis, y_axis: Axis) -> str:
     """Whiskers below the box, points beyond with some transparency, the note above all of them."""
     known = [box.low, box.q1, box.median, box.q3, box.high]
-    if not all(y_axis.usable(value) for value in known):
+    if not all(y_axis.usable(value) or value == math.inf for value in known):
         return ""
     x, half = x_axis.at(box.x), 0.26 * abs(x_axis.at(1.0) - x_axis.at(0.0))
-    low, q1, median, q3, high = (y_axis.at(value) for value in known)
+    low, q1, median, q3, high = (y_axis.end if value == math.inf else y_axis.at(value) for value in known)
     style = f"class='s{box.colour}' stroke='{COLOURS[box.colour]}' fill='{COLOURS[box.colour]}'"
     caps = f"M{x - 0.5 * half:.1f} {low:.1f}h{half:.1f}M{x - 0.5 * half:.1f} {high:.1f}h{half:.1f}"
     beyond = [y_axis.at(value) for value in box.beyond if y_axis.usable(value)]

@@ -19,6 +19,7 @@ if TYPE_CHECKING:
 
     from benchmarks.dataset import Insertion
     from benchmarks.paper.records import Case
+    from simcore.dataset import Dataset
     from simcore.learning import Regressor
 
 FILE = click.Path(dir_okay=False, path_type=Path)
@@ -182,10 +183,9 @@ def train(source: Path, path: Path, kind: str, split: str, samples: int | None, 
 
     from benchmarks.training import trained
     from simcore.artefacts import replace_atomically
-    from simcore.dataset import load_dataset
 
     free_to_write(path, force=force)
-    data = load_dataset(source)
+    data = read_data(source)
     with source.open("rb") as file:
         sha256 = hashlib.file_digest(file, "sha256").hexdigest()
     with threadpool_limits(1):
@@ -197,6 +197,17 @@ def train(source: Path, path: Path, kind: str, split: str, samples: int | None, 
     for side, rmse in (("train", done.train_rmse_mm), ("test", done.test_rmse_mm)):
         click.echo(f"  {side:<6}{told[f'{side}_rows']:>7} rows   " + "".join(f"{axis:8.4f}" for axis in rmse))
     click.echo(f"{path}: {kind}, {len(text) / 1e3:.0f} kB, SHA-256 {hashlib.sha256(text).hexdigest()}")
+
+
+def read_data(source: Path) -> Dataset:
+    """A data set that was named with --data. Raises ScenarioError."""
+    from simcore.dataset import DatasetError, load_dataset
+
+    try:
+        return load_dataset(source)
+    except DatasetError as error:
+        message = str(error).removeprefix(str(source)).removeprefix(":").strip()
+        raise ScenarioError([Problem("--data", str(source), message)]) from None
 
 
 def _regressor(

@@ -160,6 +160,8 @@ def load_dataset(path: Path) -> Dataset:
         raise
     except (OSError, ValueError, EOFError, zipfile.BadZipFile) as error:
         reason = getattr(error, "strerror", None) or error
+        if "pickle" in str(reason):
+            reason = "it is no archive of plain arrays"
         raise DatasetError(f"{path} cannot be read as a data set: {reason}") from None
     if str(found.get("format")) != FORMAT:
         raise DatasetError(f"{path} is not a data set: its format is {found.get('format')}, not {FORMAT}")
@@ -176,10 +178,12 @@ def load_dataset(path: Path) -> Dataset:
 
 
 def _check(path: Path, found: dict[str, NDArray[Any]]) -> None:
-    missing = [name for name in (*VARIABLES, "trajectory", "step", "end_point_m", "drawn", "seed") if name not in found]
+    needed = (*VARIABLES, "trajectory", "step", "end_point_m", "drawn", "seed", "provenance")
+    missing = [name for name in needed if name not in found]
     if missing:
         raise DatasetError(f"{path} lacks the arrays {', '.join(missing)}")
-    rows = len(found["trajectory"])
+    rows = found["trajectory"].size
+    _check_numbers(path, found, rows)
     for name in VARIABLES:
         array = found[name]
         if array.shape != (rows, 3) or array.dtype != np.float64:
@@ -187,6 +191,27 @@ def _check(path: Path, found: dict[str, NDArray[Any]]) -> None:
         bad = int((~np.isfinite(array).all(axis=1)).sum())
         if bad:
             raise DatasetError(f"{path}: {name} has {bad} rows that are not finite")
+
+
+def _check_numbers(path: Path, found: dict[str, NDArray[Any]], rows: int) -> None:
+    """Everything but the variables, which have as many rows."""
+    for name in ("trajectory", "step"):
+        array = found[name]
+        if array.shape != (rows,) or array.dtype.kind != "i" or array.min(initial=0) < 0:
+            raise DatasetError(f"{path}: {name} must hold {rows} whole numbers from 0")
     drawn = found["drawn"]
     if drawn.ndim != 1 or drawn.dtype.kind != "i" or not drawn.size or drawn.min() < 0 or drawn.max() >= rows:
         raise DatasetError(f"{path}: drawn must hold row numbers, 0 to {rows - 1}")
+    points = found["end_point_m"]
+    if points.ndim != 2 or points.shape[1] != 3 or points.dtype.kind != "f" or not np.isfinite(points).all():
+        raise DatasetError(f"{path}: end_point_m must be a finite table (insertions, 3)")
+    if found["trajectory"].max(initial=-1) >= len(points):
+        raise DatasetError(f"{path}: trajectory names more insertions than the {len(points)} of end_point_m")
+    if found["seed"].shape or found["seed"].dtype.kind != "i" or found["seed"] < 0:
+        raise DatasetError(f"{path}: seed must be a whole number from 0")
+    try:
+        told = json.loads(str(found["provenance"]))
+    except (ValueError, RecursionError):
+        told = None
+    if not isinstance(told, dict):
+        raise DatasetError(f"{path}: provenance must be a JSON object")

@@ -21,7 +21,8 @@ WHISKER = 1.5  # interquartile ranges, after Tukey
 
 @dataclass(frozen=True)
 class Box:
-    """A box plot of the finite errors: quartiles, whiskers within 1.5 interquartile ranges, the rest beyond."""
+    """A box plot: quartiles of all errors, failures ranking worst; whiskers to the last finite errors within 1.5
+    interquartile ranges, the other finite ones beyond. Infinite from where on failures begin."""
 
     q1: float
     median: float
@@ -161,11 +162,13 @@ def _largest(errors: statistics.Vector) -> float:
 
 
 def box(errors: statistics.Vector) -> Box | None:
-    """Of the finite errors; None without any."""
+    """Of all errors, infinite ones worst; None without a finite one."""
     kept = np.sort(errors[np.isfinite(errors)])
     if not len(kept):
         return None
-    q1, median, q3 = (statistics.quantile(kept, share) for share in (0.25, 0.5, 0.75))
+    q1, median, q3 = (statistics.quantile(errors, share) for share in (0.25, 0.5, 0.75))
+    if math.isinf(q3):
+        return Box(q1, median, q3, min(q1, float(kept[0])), math.inf, ())
     reach = WHISKER * (q3 - q1)
     inner = kept[(kept >= q1 - reach) & (kept <= q3 + reach)]
     beyond = kept[(kept < q1 - reach) | (kept > q3 + reach)]

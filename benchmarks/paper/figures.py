@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from typing import Any
 from xml.sax.saxutils import escape
@@ -32,7 +33,8 @@ def box_panels(report: Json, young: str, noise: str, *, arms: Sequence[str] | No
     """A panel for each group with a box for each controller (None: every one), all on the same logarithmic range."""
     scores = [s for s in report["scores"] if (s["young"], s["noise"]) == (young, noise) and s["box"]]
     scores = [s for s in scores if arms is None or s["arm"] in arms]
-    values = [v for s in scores for v in (s["box"]["low"], s["box"]["high"], *s["box"]["beyond"]) if v > 0.0]
+    ends = [v for s in scores for v in (s["box"]["low"], s["box"]["high"], *s["box"]["beyond"])]
+    values = [v for v in ends if v is not None and v > 0.0]
     reach = (0.85 * min(values), 1.35 * max(values)) if values else ()
     panels = []
     for group in dict.fromkeys(s["group"] for s in scores):
@@ -51,11 +53,11 @@ def _count(score: Json) -> str:
 
 
 def box_mark(place: int, box: Json, colour: int, beyond: Sequence[float]) -> BoxMark:
-    """The box of a score, with its median written above."""
-    note = f"{box['median']:.3g}"
-    return BoxMark(
-        float(place), box["low"], box["q1"], box["median"], box["q3"], box["high"], beyond, colour=colour, note=note
-    )
+    """The box of a score, with its median written above; what is null in it is a failure and above everything."""
+    names = ("low", "q1", "median", "q3", "high")
+    low, q1, median, q3, high = (math.inf if box[name] is None else float(box[name]) for name in names)
+    note = f"{median:.3g}" if math.isfinite(median) else "failed"
+    return BoxMark(float(place), low, q1, median, q3, high, beyond, colour=colour, note=note)
 
 
 def pictures(panels: Sequence[Panel], *, name: str, about: str, width: int = 340, height: int = 350) -> list[str]:
@@ -69,7 +71,7 @@ def pictures(panels: Sequence[Panel], *, name: str, about: str, width: int = 340
 def _said(panel: Panel) -> str:
     """The medians of a panel's boxes in words."""
     names = (name.split("\n")[0] for name in panel.x_names)
-    return "; ".join(f"{name} {box.median:.3g}" for name, box in zip(names, panel.boxes, strict=False))
+    return "; ".join(f"{name} {box.note}" for name, box in zip(names, panel.boxes, strict=False))
 
 
 def headline(report: Json) -> str | None:

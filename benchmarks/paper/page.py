@@ -7,9 +7,9 @@ from typing import Any
 
 from jinja2 import Environment, FileSystemLoader, StrictUndefined
 
-from benchmarks.paper import figures
+from benchmarks.paper import figures, words
 from benchmarks.paper.claims import CONTRADICTED, NOT_TESTABLE, REPRODUCED
-from benchmarks.paper.table import ALL, REFERENCES, arm_name
+from benchmarks.paper.table import ALL, GROUPS, REFERENCES, arm_name
 
 Json = dict[str, Any]
 
@@ -35,6 +35,10 @@ def html(report: Json) -> str:
         seeds=figures.pictures(figures.seed_panels(report), name="s", about="Median RMSE of each ELM seed, mm."),
         curves=figures.pictures(figures.learning_panels(report), name="l", about="Median and range over seeds."),
         dots=figures.sensitivity_dots(report),
+        few={
+            group: max((v["paths"] for v in report["sensitivity"] if v["group"] == group), default=0)
+            for group in GROUPS
+        },
     )
 
 
@@ -50,6 +54,7 @@ def rendered(template: str, **content: Any) -> str:
     )
     environment.filters.update(mm=mm, percent=percent, p=p_value, arm=arm_name, interval=interval, signed=signed)
     environment.filters.update(share=share, ms=milliseconds, condition=condition)
+    environment.filters.update(change=change, change_interval=change_interval)
     page: str = environment.get_template(template).render(**content)
     return page
 
@@ -90,7 +95,7 @@ def mm(value: float | None, absent: str = ABSENT) -> str:
 
 def signed(value: float | None, absent: str = ABSENT) -> str:
     """A difference in millimetres, with a true minus."""
-    return absent if value is None else f"{value:+.3f}".replace("-", "−")
+    return absent if value is None else words.signed(value)
 
 
 def milliseconds(value: float | None) -> str:
@@ -114,9 +119,28 @@ def interval(ends: list[float | None], digits: int = 3) -> str:
     return f"[{low}, {high}]"
 
 
+def change(contrast: Json) -> str:
+    """The median difference of a comparison, infinite between failures and others."""
+    value = contrast["difference_mm"]
+    return signed(value, _endless(contrast))
+
+
+def change_interval(contrast: Json, digits: int = 3) -> str:
+    """Its interval, [low, high]."""
+    low, high = contrast["difference_interval_mm"]
+    if low is None and high is None and contrast["difference_mm"] is None:
+        return f"[{_endless(contrast)}, {_endless(contrast)}]"
+    ends = ("−∞" if low is None else f"{low:.{digits}f}", "+∞" if high is None else f"{high:.{digits}f}")
+    return f"[{', '.join(ends)}]".replace("-", "−")
+
+
+def _endless(contrast: Json) -> str:
+    return "−∞" if contrast["clusters_below"] > contrast["clusters_above"] else "+∞"
+
+
 def share(ends: list[float]) -> str:
     """An interval of a share, in per cent."""
-    return f"[{100 * ends[0]:.1f}, {100 * ends[1]:.1f}]"
+    return f"[{100 * ends[0]:.1f}, {100 * ends[1]:.1f}]".replace("-", "−")
 
 
 def p_value(value: float | None) -> str:
@@ -125,4 +149,4 @@ def p_value(value: float | None) -> str:
         return ABSENT
     if value < 1e-4:
         return "< 0.0001"
-    return f"{value:.4f}" if value < 0.01 else f"{value:.2f}"
+    return f"{value:.4f}" if value < 0.01 else f"{value:.3f}" if value < 0.1 else f"{value:.2f}"

@@ -6,7 +6,7 @@ Pure in the sense of the suites: it is handed everything that runs, stores, trai
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -16,8 +16,9 @@ from benchmarks import dataset
 from benchmarks.dataset import Insertion
 from benchmarks.paper.learning import LearningCurves, learning_curves
 from benchmarks.paper.plan import Plan, Stage, elm_names, model_names
-from benchmarks.paper.records import Case, Outcome, RunMany, Suite
+from benchmarks.paper.records import Case, Label, Outcome, RunMany, Suite
 from benchmarks.paper.suites import resolved
+from benchmarks.paper.table import TRAINING
 from simcore.dataset import Dataset, Table
 from simcore.errors import NeedlebenchError
 
@@ -145,10 +146,26 @@ def _rmse_mm(outcome: Outcome) -> float:
     return float(outcome.result["metrics"]["rmse_mm"])
 
 
-def cpu_seconds(findings: Findings) -> float:
+def cpu_seconds(outcomes: Iterable[Outcome]) -> float:
     """CPU time of all insertions that tell theirs."""
-    each: list[Any] = [o.result.get("cost", {}).get("cpu_s") for o in (*findings.outcomes, *findings.timing)]
+    each: list[Any] = [outcome.result.get("cost", {}).get("cpu_s") for outcome in outcomes]
     return float(np.sum([seconds for seconds in each if seconds is not None]))
+
+
+def of_the_paper(findings: Findings) -> list[Outcome]:
+    """The paper's own insertions: data set, I-FEM and ELM along LIN and CUR, the ELM at variable Young's modulus."""
+
+    def own(labels: Mapping[str, Label]) -> bool:
+        if labels["group"] == TRAINING:
+            return True
+        held = labels.get("purpose") == "main" and labels["noise"] == "off"
+        return held and (labels["arm"], labels["young"]) in {
+            ("ifem", "constant"),
+            ("elm", "constant"),
+            ("elm", "variable"),
+        }
+
+    return [outcome for outcome in findings.outcomes if own(outcome.case.labels)]
 
 
 def commits(findings: Findings) -> dict[str, int]:

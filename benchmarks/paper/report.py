@@ -56,7 +56,7 @@ def document(
     contrasts, young = controller_contrasts(table), young_contrasts(table)
     scored, timed = scores(table), rows(timing)
     seeds = seed_scores(table)
-    shares = seed_shares(seeds)
+    shares = seed_shares(seeds, table)
     found = Findings(table, scored, contrasts, young, savings(timed), shares)
     failed = [row for row in table if row.failed]
     content = {
@@ -90,6 +90,7 @@ def rules() -> Json:
         "bootstrap_draws": statistics.DRAWS,
         "bootstrap_seed": statistics.SEED,
         "margin_mm": statistics.MARGIN_MM,
+        "fewest_clusters": statistics.FEWEST_CLUSTERS,
         "floor_mm": statistics.FLOOR_MM,
         "close_mm": CLOSE_MM,
         "ratio_target": RATIO_TARGET,

@@ -18,6 +18,7 @@ DRAWS = 4000
 CONFIDENCE = 0.95
 MARGIN_MM = 0.05  # [ours] equivalence margin, fixed before any result
 FLOOR_MM = 0.05  # [ours] where controllers without feedback are below, a comparison says nothing
+FEWEST_CLUSTERS = 5  # the range of fewer holds the median with less than 90 %: 2 * 0.5^n > 0.1
 
 
 @dataclass(frozen=True)
@@ -230,8 +231,8 @@ def equivalent(
     seed: int = SEED,
 ) -> bool:
     """Whether the median difference is shown to be smaller than the margin: its 90 % interval, two one-sided tests of
-    5 %, lies inside. Never of fewer than two clusters, whose interval has no width."""
+    5 %, lies inside. Never of fewer than five clusters: no 90 % interval of a median can be had from them."""
     names = clusters if clusters is not None else range(len(values))
-    if len(set(names)) < 2:
+    if len(set(names)) < FEWEST_CLUSTERS:
         return False
     return bootstrap_median(values, clusters, seed=seed, confidence=0.90).inside(margin)

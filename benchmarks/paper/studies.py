@@ -49,19 +49,26 @@ def seed_scores(table: Sequence[Row]) -> list[SeedScore]:
 
 @dataclass(frozen=True)
 class SeedShare:
-    """In how many ELM seeds the ELM is the more precise, and in how many I-FEM is."""
+    """In how many ELM seeds the ELM is the more precise, and in how many I-FEM is, along `paths` paths each.
+
+    references: median RMSE of I-FEM, open loop and rigid needle along the same paths, mm, of those that ran there.
+    """
 
     group: str
     seeds: int
+    paths: int
+    insertions: int
+    failed: int
     elm_better: int
     ifem_better: int
     low_mm: float
     median_mm: float
     high_mm: float
+    references: dict[str, float]
 
 
-def seed_shares(found: Sequence[SeedScore]) -> list[SeedShare]:
-    """One row a group; seeds without a comparison are left out."""
+def seed_shares(found: Sequence[SeedScore], table: Sequence[Row] = ()) -> list[SeedShare]:
+    """One row a group; seeds without a comparison are left out. table: all insertions, for the references."""
     shares = []
     for group in dict.fromkeys(score.group for score in found):
         known = [score for score in found if score.group == group and not math.isnan(score.difference_mm)]
@@ -69,9 +76,26 @@ def seed_shares(found: Sequence[SeedScore]) -> list[SeedShare]:
             medians = [score.median_mm for score in known]
             elm, ifem = (sum(sign * score.difference_mm < 0 for score in known) for sign in (1, -1))
             shares.append(
-                SeedShare(group, len(known), elm, ifem, min(medians), statistics.middle(medians), max(medians))
+                SeedShare(
+                    *(group, len(known), max(score.insertions for score in known)),
+                    insertions=sum(score.insertions for score in known),
+                    failed=sum(score.failed for score in known),
+                    elm_better=elm,
+                    ifem_better=ifem,
+                    low_mm=min(medians),
+                    median_mm=statistics.middle(medians),
+                    high_mm=max(medians),
+                    references=_along_seed_paths(table, group),
+                )
             )
     return shares
+
+
+def _along_seed_paths(table: Sequence[Row], group: str) -> dict[str, float]:
+    paths = {row.pair for row in table if "model_seed" in row.labels and row.group == group}
+    there = [row for row in under(main_rows(table), PRIMARY) if row.pair in paths]
+    known = {arm: only(there, arm=arm) for arm in ("ifem", "open_loop", "rigid")}
+    return {arm: statistics.middle([row.rmse_mm for row in mine]) for arm, mine in known.items() if mine}
 
 
 # ---- learning
@@ -118,13 +142,17 @@ def learning_steps(points: Sequence[LearningPoint]) -> list[LearningStep]:
 
 @dataclass(frozen=True)
 class Variant:
-    """One parameter at one value, in one group. Medians in mm; difference = ELM - I-FEM. better: the more precise of
-    the two, empty if neither is. ran: controllers that have a figure, be it a failure. nominal: those whose figures are
-    of the nominal run, because the parameter is not theirs."""
+    """One parameter at one value, in one group, along `paths` paths. Medians in mm.
+
+    difference_mm: ELM - I-FEM, nan where both failed. better: the more precise of the two, empty if neither is. ran:
+    controllers that have a figure, be it a failure. nominal: those whose figures are of the nominal run, because the
+    parameter is not theirs.
+    """
 
     parameter: str
     value: str
     group: str
+    paths: int
     insertions: int
     failed: int
     ifem_mm: float
@@ -168,10 +196,13 @@ def _variant(parameter: str, value: str, group: str, mine: list[Row], nominal: l
     compared = compare(members["elm"], members["ifem"], group=group, names=("elm", "ifem"))
     difference = compared.difference_mm if compared else math.nan
     ifem, elm, open_loop = (statistics.middle([row.rmse_mm for row in rows]) for rows in members.values())
+    if math.isinf(ifem) and math.isinf(elm):
+        difference = math.nan
     return Variant(
         parameter=parameter,
         value=value,
         group=group,
+        paths=len({row.pair for row in mine}),
         insertions=len(mine),
         failed=sum(row.failed for row in mine),
         ifem_mm=ifem,

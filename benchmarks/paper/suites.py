@@ -203,8 +203,10 @@ def sensitivity_cases(scale: Scale, models: Models) -> list[Case]:
 
 
 def seed_cases(scale: Scale, models: Sequence[str]) -> list[Case]:
-    """ELMs that differ in their random input weights alone, closed loop, along the same paths: LIN and CUR in turn."""
-    paths = [Path(i, "" if i % 2 == 0 else SIGNS[i // 2 % 4]) for i in range(scale.seed_paths)]
+    """ELMs that differ in their random input weights alone, closed loop, along the same paths: LIN and CUR in turn, the
+    first ones of those along which the references run."""
+    both = zip(straight(scale.seed_paths), curved(scale.seed_paths, 1), strict=True)
+    paths = [path for pair in both for path in pair][: scale.seed_paths]
     cases = []
     for seed, model in enumerate(models):
         for case in following(scale, {"elm": model}, paths, ("elm",), "seeds"):
@@ -214,12 +216,14 @@ def seed_cases(scale: Scale, models: Sequence[str]) -> list[Case]:
 
 
 def timing_cases(scale: Scale, models: Models) -> list[Case]:
-    """Short list for one worker: the arms whose times are compared, interleaved, so that all see the same machine."""
+    """Short list for one worker: the arms whose times are compared, interleaved, so that all see the same machine. The
+    references show what a step costs without any steering."""
     paths = [Path(i, "" if i % 2 == 0 else SIGNS[i // 2 % 4]) for i in range(scale.timing)]
     ways = {
         "constraint": {"kind": "ifem", "jacobian": "constraint"},
         "perturbation": {"kind": "ifem", "jacobian": "perturbation"},
         "elm": controller("elm", scale, models),
+        **{arm: controller(arm, scale, models) for arm in REFERENCES},
     }
     cases = []
     for path in paths:

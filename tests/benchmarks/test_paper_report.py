@@ -12,7 +12,7 @@ from xml.etree import ElementTree
 
 import pytest
 
-from benchmarks.paper.page import html, interval, mm, p_value, percent, signed
+from benchmarks.paper.page import change, change_interval, html, interval, mm, p_value, percent, share, signed
 from benchmarks.paper.paper import worth_recording
 from benchmarks.paper.places import chosen
 from benchmarks.paper.records import Case, Outcome
@@ -233,6 +233,16 @@ def test_the_main_table_is_that_of_the_primary_condition(report: dict[str, Any])
     assert "| 100 % |" in row
 
 
+def difference(middle: float | None, ends: list[float | None], *, below: int) -> dict[str, Any]:
+    """What a comparison of five end points says of its difference."""
+    return {
+        "difference_mm": middle,
+        "difference_interval_mm": ends,
+        "clusters_below": below,
+        "clusters_above": 5 - below,
+    }
+
+
 @pytest.mark.parametrize(
     ("shown", "text"),
     [
@@ -244,6 +254,13 @@ def test_the_main_table_is_that_of_the_primary_condition(report: dict[str, Any])
         (interval([None, -0.25]), "[failed, −0.250]"),
         (p_value(3e-7), "< 0.0001"),
         (p_value(0.0042), "0.0042"),
+        (p_value(0.01203), "0.012"),
+        (signed(-0.00032), "−0.0003"),
+        (signed(1e-7), "0.000"),
+        (share([-0.202, 0.267]), "[−20.2, 26.7]"),
+        (change(difference(None, [None, None], below=9)), "−∞"),
+        (change_interval(difference(None, [None, None], below=1)), "[+∞, +∞]"),
+        (change_interval(difference(-0.01, [None, 0.25], below=4)), "[−∞, 0.250]"),
         (p_value(0.5), "0.50"),
     ],
 )

@@ -253,5 +253,7 @@ def test_equivalence_needs_the_whole_interval_inside(shift: float, expected: boo
 def test_one_insertion_shows_no_equivalence() -> None:
     assert not equivalent([0.0])
     assert not equivalent([0.0, 0.001, 0.0], ["a", "a", "a"])
+    assert not equivalent([0.0, 0.001, 0.0, 0.002])  # outside the range of four is their median with 1/8
+    assert equivalent([0.0, 0.001, 0.0, 0.002, 0.001])
     assert not equivalent([])
     assert not equivalent([math.inf] * 20)

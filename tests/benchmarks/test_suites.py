@@ -9,12 +9,16 @@ from __future__ import annotations
 import json
 import re
 from collections import Counter
+from collections.abc import Sequence
 from pathlib import Path
 
 import pytest
 
 from benchmarks.paper import suites
+from benchmarks.paper.learning import LearningCurves
+from benchmarks.paper.paper import Findings, of_the_paper
 from benchmarks.paper.plan import Cost, Plan
+from benchmarks.paper.records import Case, Label, Outcome
 from benchmarks.paper.sampling import end_points_mm, young_kpa
 from benchmarks.paper.scale import SCALE_TEXT, SCALES, Scale, scale_of
 from benchmarks.paper.variations import VARIATIONS, varied
@@ -114,6 +118,26 @@ def test_fewer_directions_are_taken_in_turn() -> None:
     assert len(set(suites.curved(3))) == 12
 
 
+@pytest.mark.parametrize("scale", SCALES.values(), ids=list(SCALES))
+def test_seeds_run_where_every_controller_ran(scale: Scale) -> None:
+    """So that a seed's error stands beside those of I-FEM and the references on the very same paths."""
+
+    def paths(cases: Sequence[Case]) -> set[tuple[Label, Label]]:
+        return {(case.labels["end_point"], case.labels["direction"]) for case in cases}
+
+    seeds = paths(suites.seed_cases(scale, ["default"]))
+    main = [*suites.lin_cases(scale, {}), *suites.cur_cases(scale, {})]
+    assert len(seeds) == scale.seed_paths
+    for arm in ("ifem", "elm", "open_loop", "rigid"):
+        assert seeds <= paths([case for case in main if case.labels["arm"] == arm])
+
+
+def test_times_are_taken_of_every_way_in_turn_with_what_does_not_steer() -> None:
+    ways = [case.labels["jacobian"] for case in suites.timing_cases(SCALES["full"], {})]
+    assert len(ways) == 50
+    assert ways[:5] == ways[5:10] == ["constraint", "perturbation", "elm", "open_loop", "rigid"]
+
+
 def test_sensitivity_moves_one_thing_at_a_time() -> None:
     nominal = suites.scenario(
         "n", SCALES["quick"], seed=0, trajectory=suites.Path(0, "+x").trajectory(), controller={"kind": "ifem"}
@@ -157,6 +181,14 @@ def test_a_plan_tells_time_and_space() -> None:
     ids = [case.id for stage in plan.stages for case in stage.cases]
     assert len(ids) == len(set(ids))
     assert 1e6 < plan.bytes < 1e9
+
+
+def test_the_papers_own_insertions_are_counted_apart() -> None:
+    cases = [case for stage in Plan(SCALES["full"]).stages if not stage.alone for case in stage.cases]
+    none = LearningCurves((), 0.0, 25, 20)
+    found = of_the_paper(Findings(tuple(Outcome(case, {}) for case in cases), (), none, {}))
+    arms = Counter(outcome.case.labels["arm"] for outcome in found)
+    assert arms == {"ifem": 105 + 500, "elm": 500 + 500}
 
 
 def test_scales_are_described_and_bounded() -> None:

@@ -183,7 +183,7 @@ def test_the_same_command_gives_the_same_file(data: Path) -> None:
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
-        (["--data", "none.npz"], "none.npz cannot be read as a data set: No such file"),
+        (["--data", "none.npz"], "--data = 'none.npz': cannot be read as a data set: No such file"),
         (["--kind", "mlp", "--hidden", "a,b"], "--hidden = 'a,b': must be whole numbers"),
         (["--kind", "mlp", "--hidden", "0"], "hidden = [0]"),
         (["--kind", "tree"], "'tree' is not one of"),
@@ -191,7 +191,7 @@ def test_the_same_command_gives_the_same_file(data: Path) -> None:
 )
 def test_wrong_arguments_are_one_line(data: Path, arguments: list[str], message: str) -> None:
     done = invoke("train", "--data", data, "--out", data.with_name("model.json"), *arguments)
-    assert done.exit_code != 0
+    assert done.exit_code == (1 if "hidden = [" in message else 2)
     assert message in done.output
     assert not data.with_name("model.json").exists()
 

@@ -88,6 +88,15 @@ FAULTS: dict[str, tuple[dict[str, Any], str]] = {
     "another width": ({"tip_m": np.zeros((100, 2))}, r"tip_m is float64 \(100, 2\), not float64 \(100, 3\)"),
     "rows that are not finite": ({"tip_m": np.full((100, 3), np.nan)}, "tip_m has 100 rows that are not finite"),
     "rows that are not there": ({"drawn": np.array([3, 100])}, "row numbers, 0 to 99"),
+    "no list of insertions": ({"trajectory": np.array(3)}, "trajectory must hold 1 whole numbers"),
+    "insertions that are not there": ({"trajectory": np.full(100, 77)}, "names more insertions than the"),
+    "steps that are no numbers": ({"step": np.full(100, 0.5)}, "step must hold 100 whole numbers from 0"),
+    "another seed": ({"seed": np.array([1, 2])}, "seed must be a whole number"),
+    "an end point that is not finite": (
+        {"end_point_m": np.full((10, 3), np.nan)},
+        "end_point_m must be a finite table",
+    ),
+    "no provenance": ({"provenance": np.array("{")}, "provenance must be a JSON object"),
 }
 
 
@@ -110,5 +119,6 @@ def test_arrays_that_are_missing_are_named(tmp_path: Path) -> None:
 @pytest.mark.parametrize("content", [b"", b"PK\x03\x04broken", b"\x80\x04]q\x00."])
 def test_what_is_no_npz_is_refused_and_never_unpickled(tmp_path: Path, content: bytes) -> None:
     (tmp_path / "data.npz").write_bytes(content)
-    with pytest.raises(DatasetError, match="cannot be read as a data set"):
+    with pytest.raises(DatasetError, match="cannot be read as a data set") as caught:
         load_dataset(tmp_path / "data.npz")
+    assert "pickle" not in str(caught.value)  # numpy advises to unpickle it
