@@ -66,7 +66,10 @@ def where(now: CampaignStatus) -> str:
     """How far it is, in words."""
     failed = sum(now.jobs.get(state, 0) for state in ("failed", "timed_out"))
     left = "" if now.terminal else f", {_minutes(now.eta_s)} left"
-    return f"{now.ended} of {now.cases} insertions{f', {failed} failed' if failed else ''}{left}"
+    cleared = now.cases - sum(now.jobs.values())  # their results stay with the campaign
+    told = f"{now.ended + cleared} of {now.cases} insertions"
+    more = f", the jobs of {cleared} cleared away since" if cleared else ""
+    return f"{told}{f', {failed} failed' if failed else ''}{more}{left}"
 
 
 def print_scores(results: dict[str, Any]) -> None:
