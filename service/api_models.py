@@ -109,7 +109,7 @@ def get_model(model_id: ModelId, service: ServiceOf) -> ModelDetail:
     operation_id="get_model_content",
     summary="The file of a model",
     response_class=FileResponse,
-    responses={200: {"content": _JSON}, **documented(404)},
+    responses={200: {"content": _JSON}, **documented(400, 404, 416)},
 )
 def get_model_content(model_id: ModelId, service: ServiceOf) -> Response:
     """As `controller.model` takes it on the command line."""

@@ -30,6 +30,7 @@ from service.head import HeadAsGet
 from service.key_guard import KeyGuard
 from service.keys import UnknownKey
 from service.models import UnknownModel
+from service.plain_errors import PlainErrors
 from service.readiness import readings
 from service.request_log import RequestLog
 from service.uploads import UnknownUpload, UploadInUse, UploadsFull
@@ -98,6 +99,7 @@ def _guard(app: FastAPI, service: Service) -> None:
     """The layers around the routes; the last one added sees a request first."""
     limits, settings = service.settings.limits, service.settings
     uploads = {"/api/v1/uploads": limits.upload_bytes}
+    app.add_middleware(cast(Any, PlainErrors))
     app.add_middleware(cast(Any, HeadAsGet))
     app.add_middleware(cast(Any, BodyLimit), maximum_bytes=limits.body_bytes, more=uploads)
     app.add_middleware(cast(Any, KeyGuard), keys=service.keys, rate_per_key=limits.rate_per_key)

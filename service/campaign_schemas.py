@@ -173,7 +173,9 @@ class ScheduleRequest(BaseModel):
 class SchedulePatch(BaseModel):
     """What is to be changed of a schedule; what is left out stays."""
 
-    model_config = ConfigDict(extra="forbid")
+    model_config = ConfigDict(
+        extra="forbid", json_schema_extra={"examples": [{"enabled": False}, {"cron": "0 3 * * *", "timezone": "UTC"}]}
+    )
 
     name: Name | None = None
     cron: Annotated[str, StringConstraints(min_length=1, max_length=200)] | None = None

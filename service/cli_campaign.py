@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 import json
-import sys
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import click
 
+from service.campaign_text import followed, millimetres, print_plan, print_scores, print_trend, where
 from service.cli_service import asked, client_of, data_option, url_option
 from simcore.errors import Problem, ScenarioError
 
@@ -51,7 +51,11 @@ def campaign() -> None:
 @campaign.command()
 @url_option
 def suites(url: str | None) -> None:
-    """List the named suites. Needs no service."""
+    """List the named suites. Needs no service.
+
+    \b
+    What can be run by name:  needlebench campaign suites
+    """
     if url is not None:
         with client_of(url) as client:
             found = asked(client.suites)
@@ -88,22 +92,31 @@ def run(
     are judged against earlier runs in that folder: accuracy by digests and paired tests, time against the same machine.
 
     \b
+    A suite, with a report:   needlebench campaign run lin100-v1-quick --report report.html
+    What it would cost:       needlebench campaign run lin100-v1 --dry-run
+    A grid, with a trend:     needlebench campaign run --scenario line --grid tissue.young_kpa=3,6.3 --name stiffness
+    By cron or in CI:         needlebench campaign run lin100-v1-quick --fail-on-regression --csv table.csv
+
+    \b
     Exit code: 0 done; 1 a regression (with --fail-on-regression), or jobs that left no result
                2 bad input; 130 Ctrl-C
     """
     request = campaign_request(suite, asks)
+    for option, file in (("--csv", asks["csv_file"]), ("--report", asks["report_file"])):
+        if file is not None and not file.absolute().parent.is_dir():  # said now, and not when all has been run
+            raise ScenarioError([Problem(option, str(file), f"there is no folder {file.absolute().parent}")])
     with _service(url, data, detach) as client:
         if asks["dry_run"]:
-            _print_plan(asked(lambda: client.plan_campaign(request)))
+            print_plan(asked(lambda: client.plan_campaign(request)))
             return
         made = asked(lambda: client.start_campaign(request))
         click.echo(made.id)
         if detach:
             return
-        done = _followed(client, made)
+        done = followed(client, made)
         _save(client, done, asks["csv_file"], asks["report_file"])
-        _print_scores(client.campaign_results(done.id))
-        worse = _print_trend(client, done)
+        print_scores(client.campaign_results(done.id))
+        worse = print_trend(client, done)
         lost = done.cases - done.jobs.get("succeeded", 0)
         if lost:
             click.echo(f"{lost} of {done.cases} jobs left no result", err=True)
@@ -161,86 +174,11 @@ def _service(url: str | None, data: Path | None, detach: bool) -> Iterator[Clien
         yield client
 
 
-def _print_plan(plan: dict[str, Any]) -> None:
-    click.echo(f"{plan['suite']}: {plan['jobs']} insertions, {plan['steps']} steps, about {_minutes(plan['seconds'])}")
-    click.echo(f"sha256 {plan['suite_sha256']}")
-    more = ", ..." if plan["jobs"] > len(plan["first"]) else ""
-    click.echo(f"cases: {', '.join(plan['first'])}{more}")
-
-
-def _minutes(seconds: float | None) -> str:
-    if seconds is None:
-        return "unknown time"
-    return f"{seconds:.0f} s" if seconds < 120 else f"{seconds / 60:.0f} min"
-
-
-def _followed(client: Client, made: CampaignStatus) -> CampaignStatus:
-    try:
-        with _bar() if sys.stderr.isatty() else _lines() as show:
-            return client.wait_campaign(made.id, progress=show)
-    except KeyboardInterrupt:
-        click.echo(f"it goes on with the next service; to stop it: needlebench campaign cancel {made.id}", err=True)
-        raise
-
-
-@contextmanager
-def _bar() -> Iterator[Callable[[CampaignStatus], None]]:
-    from rich.console import Console
-    from rich.progress import BarColumn, Progress, TextColumn
-
-    columns = (TextColumn("{task.description}"), BarColumn(), TextColumn("{task.percentage:3.0f} %  {task.fields[t]}"))
-    with Progress(*columns, console=Console(stderr=True), transient=True) as progress:
-        task = progress.add_task("campaign", total=1.0, t="")
-        yield lambda now: progress.update(task, completed=now.fraction, t=_where(now))
-
-
-@contextmanager
-def _lines() -> Iterator[Callable[[CampaignStatus], None]]:
-    told = -1.0
-
-    def show(now: CampaignStatus) -> None:
-        nonlocal told
-        if now.fraction - told >= 0.05 or now.terminal:
-            told = now.fraction
-            click.echo(f"{100 * now.fraction:3.0f} %  {_where(now)}", err=True)
-
-    yield show
-
-
-def _where(now: CampaignStatus) -> str:
-    failed = sum(now.jobs.get(state, 0) for state in ("failed", "timed_out"))
-    left = "" if now.terminal else f", {_minutes(now.eta_s)} left"
-    return f"{now.ended} of {now.cases} insertions{f', {failed} failed' if failed else ''}{left}"
-
-
 def _save(client: Client, done: CampaignStatus, csv_file: Path | None, report_file: Path | None) -> None:
     if csv_file is not None:
         click.echo(f"table: {client.campaign_csv(done.id, csv_file)}", err=True)
     if report_file is not None:
         click.echo(f"report: {client.campaign_report(done.id, report_file)}", err=True)
-
-
-def _print_scores(results: dict[str, Any]) -> None:
-    click.echo(f"{'group':<12}{'controller':<20}{'n':>6}{'stable':>9}{'success':>9}{'median RMSE':>14}{'maximum':>12}")
-    for score in results["scores"]:
-        marks = f"{score['young']} E, noise {score['noise']}"
-        shares = f"{100 * score['stable']:>7.0f} %{100 * score['success']:>7.0f} %"
-        errors = f"{_mm(score['median_mm']):>14}{_mm(score['max_mm']):>12}"
-        click.echo(f"{score['group']:<12}{score['arm']:<20}{score['insertions']:>6}{shares}{errors}  {marks}")
-
-
-def _mm(value: float | None) -> str:
-    return "failed" if value is None else f"{value:.4f} mm"
-
-
-def _print_trend(client: Client, done: CampaignStatus) -> bool:
-    """What became of the suite against its runs before; whether something got worse."""
-    mine = next((point for point in client.trend(done.suite) if point["campaign"] == done.id), None)
-    if mine is None:
-        return False
-    for what in ("accuracy", "success", "time"):
-        click.echo(f"{what:<10}{mine[what]:<8}{mine[what + '_why']}")
-    return bool(mine["regression"])
 
 
 @campaign.command("list")
@@ -249,7 +187,12 @@ def _print_trend(client: Client, done: CampaignStatus) -> bool:
 @click.option("--json", "as_json", is_flag=True, help="One JSON object a line.")
 @url_option
 def list_(suite: str | None, limit: int, as_json: bool, url: str | None) -> None:
-    """List campaigns, newest first."""
+    """List campaigns, newest first.
+
+    \b
+    What was run lately:      needlebench campaign list
+    Of one suite, for others: needlebench campaign list --suite lin100-v1-quick --limit 100 --json
+    """
     with client_of(url) as client:
         for one in asked(lambda: list(client.campaigns(suite=suite, limit=limit))):
             line = f"{one.id}  {one.created_at[:19]}  {one.state:<10}{100 * one.fraction:3.0f} %  {one.name}"
@@ -263,15 +206,21 @@ def list_(suite: str | None, limit: int, as_json: bool, url: str | None) -> None
 @click.option("--json", "as_json", is_flag=True, help="All scores and tests as JSON.")
 @url_option
 def show(campaign_id: str, csv_file: Path | None, report_file: Path | None, as_json: bool, url: str | None) -> None:
-    """Show how a campaign goes or went; partial results while it runs."""
+    """Show how a campaign goes or went; partial results while it runs.
+
+    \b
+    Which there are:          needlebench campaign list
+    How one goes:             needlebench campaign show CAMPAIGN
+    All of it, to keep:       needlebench campaign show CAMPAIGN --csv table.csv --report report.html
+    """
     with client_of(url) as client:
         now = asked(lambda: client.campaign(campaign_id))
         results = client.campaign_results(campaign_id)
         if as_json:
             click.echo(json.dumps(results, indent=2))
         else:
-            click.echo(f"{now.name}: {now.state}, {_where(now)}")
-            _print_scores(results)
+            click.echo(f"{now.name}: {now.state}, {where(now)}")
+            print_scores(results)
         _save(client, now, csv_file, report_file)
 
 
@@ -279,11 +228,15 @@ def show(campaign_id: str, csv_file: Path | None, report_file: Path | None, as_j
 @click.argument("campaign_id", metavar="CAMPAIGN")
 @url_option
 def cancel(campaign_id: str, url: str | None) -> None:
-    """Cancel a campaign; what is finished stays. Once more is no error."""
+    """Cancel a campaign; what is finished stays. Once more is no error.
+
+    \b
+    One of those that run:    needlebench campaign cancel CAMPAIGN
+    """
     with client_of(url) as client:
         asked(lambda: client.cancel_campaign(campaign_id))
         done = client.wait_campaign(campaign_id)
-        click.echo(f"{done.id} {done.state}: {_where(done)}")
+        click.echo(f"{done.id} {done.state}: {where(done)}")
 
 
 @campaign.command()
@@ -320,9 +273,17 @@ def compare(campaigns: tuple[str, ...], controllers: tuple[str, str] | None, as_
 @click.option("--json", "as_json", is_flag=True, help="One JSON object a line.")
 @url_option
 def trend(suite: str, as_json: bool, url: str | None) -> None:
-    """Show a suite over commits and dates, regressions marked."""
+    """Show a suite over commits and dates, regressions marked.
+
+    \b
+    Of a suite:               needlebench campaign trend lin100-v1-quick
+    Of a grid, by its name:   needlebench campaign trend stiffness --json
+    """
     with client_of(url) as client:
-        for point in asked(lambda: client.trend(suite)):
+        points = asked(lambda: client.trend(suite))
+        if not points:
+            click.echo(f"no campaign of {suite} has ended yet; which there are: needlebench campaign list", err=True)
+        for point in points:
             if as_json:
                 click.echo(json.dumps(point))
                 continue
@@ -330,5 +291,5 @@ def trend(suite: str, as_json: bool, url: str | None) -> None:
             commit = (point["commit"] or "unknown")[:8]
             mark = "REGRESSION" if point["regression"] else ""
             ends = f"{point['successes']} of {point['cases']}"
-            rmse = _mm(point["median_rmse_mm"])
+            rmse = millimetres(point["median_rmse_mm"])
             click.echo(f"{point['at'][:16]}  {commit:<9}{ends:<14}{rmse:<14}{step:<10}{point['campaign']}  {mark}")

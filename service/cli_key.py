@@ -61,7 +61,7 @@ def list_keys(data: Path | None) -> None:
     \b
     Which there are:          needlebench key list
     """
-    with _keys(data) as keys:
+    with _keys(data, there=True) as keys:
         for item in keys.all():
             state = f"revoked {_day(item.revoked_at)}" if item.revoked_at is not None else f"used {_day(item.used_at)}"
             click.echo(f"{item.id}  {item.scope:<7} made {_day(item.created_at)}  {state:<27}  {item.note}".rstrip())
@@ -76,7 +76,7 @@ def revoke(key_id: str, data: Path | None) -> None:
     \b
     The ids are in:           needlebench key list
     """
-    with _keys(data) as keys:
+    with _keys(data, there=True) as keys:
         keys.revoke(key_id)
         left = any(item.revoked_at is None for item in keys.all())
     click.echo(f"key {key_id} is revoked")
@@ -87,13 +87,18 @@ def revoke(key_id: str, data: Path | None) -> None:
 
 
 @contextmanager
-def _keys(data: Path | None) -> Iterator[Keys]:
+def _keys(data: Path | None, *, there: bool = False) -> Iterator[Keys]:
+    """The keys of the data folder. there: one that holds none is refused and not made. Raises ScenarioError."""
     from service.database import open_database
     from service.keys import Keys
     from service.settings import Settings
     from service.store import Store
+    from simcore.errors import Problem, ScenarioError
 
-    store = Store(open_database(Settings.load(data=data, host="127.0.0.1").database))
+    settings = Settings.load(data=data, host="127.0.0.1")
+    if there and not settings.database.is_file():
+        raise ScenarioError([Problem("--data", str(settings.data), "is no data folder of a service: it holds no keys")])
+    store = Store(open_database(settings.database))
     try:
         yield Keys(store)
     finally:

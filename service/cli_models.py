@@ -35,7 +35,11 @@ def models() -> None:
 @click.option("--json", "as_json", is_flag=True, help="One JSON object a line.")
 @url_option
 def list_models(as_json: bool, url: str | None) -> None:
-    """List the models, newest first, then those that come along. The error is that of Delta P on test rows, mm."""
+    """List the models, newest first, then those that come along. The error is that of Delta P on test rows, mm.
+
+    \b
+    What there is to steer by: needlebench models list
+    """
     with client_of(url) as client:
         for one in asked(client.models):
             click.echo(json.dumps(one.raw) if as_json else _line(one))
@@ -53,6 +57,9 @@ def show(model: str, url: str | None) -> None:
     """Print all that is known of a model as JSON: settings, provenance, errors, the jobs that steer by it.
 
     MODEL is an id: elm, linear or mlp for those that come along, else as `needlebench models list` writes it.
+
+    \b
+    One that comes along:     needlebench models show elm
     """
     with client_of(url) as client:
         found = asked(lambda: client.model(model.removeprefix("artefact:")))
@@ -65,7 +72,12 @@ def show(model: str, url: str | None) -> None:
 @click.option("--force", is_flag=True, help="Replace the file.")
 @url_option
 def fetch(model: str, path: Path, force: bool, url: str | None) -> None:
-    """Download a model, to steer by it without a service."""
+    """Download a model, to steer by it without a service.
+
+    \b
+    From another machine:     needlebench models fetch ID --out elm.json --url http://lab:8321
+    And use it:               needlebench run sine --set controller.kind=elm --set controller.model=elm.json
+    """
     from service.cli_learn import free_to_write
 
     free_to_write(path, force=force)

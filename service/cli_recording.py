@@ -14,13 +14,19 @@ _url = click.option(
     "--url",
     metavar="URL",
     envvar="NEEDLEBENCH_URL",
-    help="Address of the service (NEEDLEBENCH_URL); default: the one started last on this machine.",
+    help="Address of the service (NEEDLEBENCH_URL); default: the one on NEEDLEBENCH_DATA, else port 8321.",
 )
 
 
 @click.group()
 def recording() -> None:
-    """Open or fetch the recording of a job."""
+    """Open or fetch the recording of a job.
+
+    \b
+    Look at one:              needlebench recording open JOB
+    Take it elsewhere:        needlebench recording fetch JOB a.rrd
+    A picture of it:          needlebench view a.rrd --screenshot a.png
+    """
 
 
 @recording.command("open")

@@ -43,7 +43,12 @@ def schedule() -> None:
 def add(
     name: str, cron: str, suite: str | None, timezone: str, catchup: str, overlap: str, url: str | None, **asks: Any
 ) -> None:
-    """Run a suite or a grid whenever the clock matches CRON (minute hour day month weekday)."""
+    """Run a suite or a grid whenever the clock matches CRON (minute hour day month weekday).
+
+    \b
+    Every night at two:       needlebench schedule add nightly "0 2 * * *" lin100-v1-quick --timezone Europe/Paris
+    Mondays, a grid:          needlebench schedule add gains "0 6 * * 1" --scenario line --grid controller.gain=0.5,1
+    """
     rules = {"timezone": timezone, "catchup": catchup, "overlap": overlap}
     request = {"name": name, "cron": cron, **rules, "campaign": campaign_request(suite, asks)}
     with client_of(url) as client:
@@ -55,7 +60,11 @@ def add(
 @click.option("--json", "as_json", is_flag=True, help="One JSON object a line.")
 @url_option
 def list_schedules(as_json: bool, url: str | None) -> None:
-    """List the schedules."""
+    """List the schedules.
+
+    \b
+    When does what run next:  needlebench schedule list
+    """
     with client_of(url) as client:
         for one in asked(client.schedules):
             following = one["next_run_at"] or "paused"
@@ -68,7 +77,11 @@ def list_schedules(as_json: bool, url: str | None) -> None:
 @click.option("--limit", type=click.IntRange(1, 1000), default=20, show_default=True, help="At most so many.")
 @url_option
 def runs(name: str, limit: int, url: str | None) -> None:
-    """Show what became of a schedule's ticks, newest first."""
+    """Show what became of a schedule's ticks, newest first.
+
+    \b
+    Did it run last night:    needlebench schedule runs nightly --limit 3
+    """
     with client_of(url) as client:
         for run_ in client.schedule_runs(_schedule_id(client, name), limit=limit):
             told = run_["campaign"] or run_["message"]
@@ -79,7 +92,11 @@ def runs(name: str, limit: int, url: str | None) -> None:
 @click.argument("name")
 @url_option
 def pause(name: str, url: str | None) -> None:
-    """Fire no more ticks until it is resumed."""
+    """Fire no more ticks until it is resumed.
+
+    \b
+    While the lab moves:      needlebench schedule pause nightly
+    """
     with client_of(url) as client:
         asked(lambda: client.change_schedule(_schedule_id(client, name), {"enabled": False}))
 
@@ -88,7 +105,11 @@ def pause(name: str, url: str | None) -> None:
 @click.argument("name")
 @url_option
 def resume(name: str, url: str | None) -> None:
-    """Fire again from the next tick on."""
+    """Fire again from the next tick on.
+
+    \b
+    And go on:                needlebench schedule resume nightly
+    """
     with client_of(url) as client:
         changed = asked(lambda: client.change_schedule(_schedule_id(client, name), {"enabled": True}))
         click.echo(f"next: {changed['next_run_at']}")
@@ -98,7 +119,11 @@ def resume(name: str, url: str | None) -> None:
 @click.argument("name")
 @url_option
 def trigger(name: str, url: str | None) -> None:
-    """Run its campaign now."""
+    """Run its campaign now.
+
+    \b
+    Not wait for the night:   needlebench schedule trigger nightly
+    """
     with client_of(url) as client:
         run_ = asked(lambda: client.trigger_schedule(_schedule_id(client, name)))
         click.echo(f"{run_['outcome']}  {run_['campaign'] or run_['message']}")
@@ -108,7 +133,12 @@ def trigger(name: str, url: str | None) -> None:
 @click.argument("name")
 @url_option
 def remove(name: str, url: str | None) -> None:
-    """Forget a schedule and its history; the campaigns that it started stay."""
+    """Forget a schedule and its history; the campaigns that it started stay.
+
+    \b
+    Only for a while:         needlebench schedule pause nightly
+    For good:                 needlebench schedule remove nightly
+    """
     with client_of(url) as client:
         client.delete_schedule(_schedule_id(client, name))
 

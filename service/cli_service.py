@@ -25,7 +25,7 @@ url_option = click.option(
     "--url",
     metavar="URL",
     envvar="NEEDLEBENCH_URL",
-    help="Address of the service (NEEDLEBENCH_URL); default: the one started last on this machine.",
+    help="Address of the service (NEEDLEBENCH_URL); default: the one on NEEDLEBENCH_DATA, else port 8321.",
 )
 
 

@@ -14,7 +14,7 @@ import httpx2
 
 from service.client_campaigns import CampaignCalls
 from service.client_models import ModelCalls
-from service.connection import ServiceError, Unreachable, refusal
+from service.connection import CannotWrite, ServiceError, Unreachable, part, refusal
 from service.references import references
 from simcore.scenario import Scenario
 
@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     from service.verify import Verdict
     from simcore.records import Observer
 
-__all__ = ["Client", "JobEvent", "JobStatus", "Progress", "ServiceError", "Unreachable", "Uploaded"]
+__all__ = ["CannotWrite", "Client", "JobEvent", "JobStatus", "Progress", "ServiceError", "Unreachable", "Uploaded"]
 
 TERMINAL = frozenset({"succeeded", "failed", "cancelled", "timed_out"})
 POLL_S = 20.0  # longest wait for an answer to one question of `wait`
@@ -147,7 +147,7 @@ class Client(CampaignCalls, ModelCalls):
 
     def job(self, job_id: str) -> JobStatus:
         """The job as it is now."""
-        return JobStatus.of(self._json("GET", f"/api/v1/jobs/{job_id}"))
+        return JobStatus.of(self._json("GET", f"/api/v1/jobs/{part(job_id)}"))
 
     def jobs(self, *, state: str | None = None, limit: int | None = None) -> Iterator[JobStatus]:
         """Jobs, newest first, page by page."""
@@ -190,7 +190,7 @@ class Client(CampaignCalls, ModelCalls):
         give_up = time.monotonic() + _RETRIED_S
         while True:
             try:
-                path = f"/api/v1/jobs/{job_id}"
+                path = f"/api/v1/jobs/{part(job_id)}"
                 answer = self._request("GET", path, params={"wait": wait_s}, headers=headers)
                 break
             except Unreachable:
@@ -203,19 +203,19 @@ class Client(CampaignCalls, ModelCalls):
 
     def cancel(self, job_id: str) -> JobStatus:
         """Cancel a queued or running job; once more is no error."""
-        return JobStatus.of(self._json("POST", f"/api/v1/jobs/{job_id}/cancel"))
+        return JobStatus.of(self._json("POST", f"/api/v1/jobs/{part(job_id)}/cancel"))
 
     def retry(self, job_id: str) -> JobStatus:
         """Queue a job again that failed, was cancelled or ran out of time."""
-        return JobStatus.of(self._json("POST", f"/api/v1/jobs/{job_id}/retry"))
+        return JobStatus.of(self._json("POST", f"/api/v1/jobs/{part(job_id)}/retry"))
 
     def pin(self, job_id: str) -> JobStatus:
         """Keep the job and its files whatever is cleared away."""
-        return JobStatus.of(self._json("POST", f"/api/v1/jobs/{job_id}/pin"))
+        return JobStatus.of(self._json("POST", f"/api/v1/jobs/{part(job_id)}/pin"))
 
     def unpin(self, job_id: str) -> None:
         """Keep it no longer."""
-        self._request("DELETE", f"/api/v1/jobs/{job_id}/pin")
+        self._request("DELETE", f"/api/v1/jobs/{part(job_id)}/pin")
 
     def events(self, job_id: str, *, after: int = 0) -> Iterator[JobEvent]:
         """What happens to the job, as it happens, until it has ended. Outlasts a restart of the service.
@@ -225,7 +225,7 @@ class Client(CampaignCalls, ModelCalls):
         known, give_up = after, time.monotonic() + _RETRIED_S
         while True:
             try:
-                for event in self._streamed(f"/api/v1/jobs/{job_id}/events", known):
+                for event in self._streamed(f"/api/v1/jobs/{part(job_id)}/events", known):
                     if event is None:
                         return
                     known, give_up = event.id or known, time.monotonic() + _RETRIED_S
@@ -237,7 +237,7 @@ class Client(CampaignCalls, ModelCalls):
 
     def history(self, job_id: str) -> list[JobEvent]:
         """What has happened to the job so far, without progress."""
-        items = self._json("GET", f"/api/v1/jobs/{job_id}/events")["items"]
+        items = self._json("GET", f"/api/v1/jobs/{part(job_id)}/events")["items"]
         return [JobEvent.of(item["kind"], item) for item in items]
 
     def _streamed(self, path: str, known: int) -> Iterator[JobEvent | None]:
@@ -267,19 +267,19 @@ class Client(CampaignCalls, ModelCalls):
 
     def delete(self, job_id: str) -> None:
         """Forget a job that has ended, with all its files."""
-        self._request("DELETE", f"/api/v1/jobs/{job_id}")
+        self._request("DELETE", f"/api/v1/jobs/{part(job_id)}")
 
     def metrics(self, job_id: str) -> dict[str, Any]:
         """Metrics, timing and digest of a finished job."""
-        return dict(self._json("GET", f"/api/v1/jobs/{job_id}/metrics"))
+        return dict(self._json("GET", f"/api/v1/jobs/{part(job_id)}/metrics"))
 
     def recording(self, job_id: str, path: Path) -> Path:
         """Download the recording; of a running job, as it grows until the job ends. Returns `path`."""
-        return self._download(f"/recordings/{job_id}.rrd", path)
+        return self._download(f"/recordings/{part(job_id)}.rrd", path)
 
     def series(self, job_id: str, path: Path) -> Path:
         """Download series.npz (open it with numpy.load). Returns `path`."""
-        return self._download(f"/api/v1/jobs/{job_id}/series?format=npz", path)
+        return self._download(f"/api/v1/jobs/{part(job_id)}/series?format=npz", path)
 
     def verify(self, job_id: str, observer: Observer | None = None) -> Verdict:
         """Run the job's scenario again in this process and compare: identical, equal within 1e-6 mm, or different.
@@ -313,11 +313,11 @@ class Client(CampaignCalls, ModelCalls):
 
     def log(self, job_id: str) -> str:
         """What the job's last attempt logged so far."""
-        return self._request("GET", f"/api/v1/jobs/{job_id}/log").text
+        return self._request("GET", f"/api/v1/jobs/{part(job_id)}/log").text
 
     def artefacts(self, job_id: str) -> list[dict[str, Any]]:
         """The files that the job left: kind, name, bytes, sha256 and url of each."""
-        return list(self._json("GET", f"/api/v1/jobs/{job_id}/artefacts")["items"])
+        return list(self._json("GET", f"/api/v1/jobs/{part(job_id)}/artefacts")["items"])
 
     def clear(self, *, dry_run: bool = False, **policy: float | None) -> dict[str, Any]:
         """Clear away jobs that have ended: older_than_s, keep_last, max_bytes. What went, or would go."""
@@ -336,15 +336,15 @@ class Client(CampaignCalls, ModelCalls):
 
     def upload_file(self, upload_id: str, path: Path) -> Path:
         """Download what was sent in. Returns `path`."""
-        return self._download(f"/api/v1/uploads/{upload_id}/content", path)
+        return self._download(f"/api/v1/uploads/{part(upload_id)}/content", path)
 
     def pin_upload(self, upload_id: str) -> Uploaded:
         """Keep it whatever is cleared away."""
-        return Uploaded.of(self._json("POST", f"/api/v1/uploads/{upload_id}/pin"))
+        return Uploaded.of(self._json("POST", f"/api/v1/uploads/{part(upload_id)}/pin"))
 
     def unpin_upload(self, upload_id: str) -> None:
         """Keep it no longer."""
-        self._request("DELETE", f"/api/v1/uploads/{upload_id}/pin")
+        self._request("DELETE", f"/api/v1/uploads/{part(upload_id)}/pin")
 
     def uploads(self) -> list[Uploaded]:
         """What was sent in, newest first."""
@@ -352,7 +352,7 @@ class Client(CampaignCalls, ModelCalls):
 
     def delete_upload(self, upload_id: str) -> None:
         """Delete an upload that is not pinned and that no queued or running job names."""
-        self._request("DELETE", f"/api/v1/uploads/{upload_id}")
+        self._request("DELETE", f"/api/v1/uploads/{part(upload_id)}")
 
     def scenarios(self) -> dict[str, str]:
         """Built-in scenarios: name -> one line on it."""

@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Self
 
-from service.connection import Connection
+from service.connection import Connection, part
 
 _PAUSE_S = 1.0
 
@@ -61,7 +61,7 @@ class CampaignCalls(Connection):
 
     def campaign(self, campaign_id: str) -> CampaignStatus:
         """The campaign as it is now."""
-        return CampaignStatus.of(self._json("GET", f"/api/v1/campaigns/{campaign_id}"))
+        return CampaignStatus.of(self._json("GET", f"/api/v1/campaigns/{part(campaign_id)}"))
 
     def campaigns(self, *, suite: str | None = None, limit: int = 20) -> Iterator[CampaignStatus]:
         """Campaigns, newest first, page by page."""
@@ -88,23 +88,23 @@ class CampaignCalls(Connection):
 
     def cancel_campaign(self, campaign_id: str) -> CampaignStatus:
         """Cancel what is queued and what runs; what is finished stays."""
-        return CampaignStatus.of(self._json("POST", f"/api/v1/campaigns/{campaign_id}/cancel"))
+        return CampaignStatus.of(self._json("POST", f"/api/v1/campaigns/{part(campaign_id)}/cancel"))
 
     def delete_campaign(self, campaign_id: str) -> None:
         """Forget a campaign that has ended, with its jobs and their files."""
-        self._request("DELETE", f"/api/v1/campaigns/{campaign_id}")
+        self._request("DELETE", f"/api/v1/campaigns/{part(campaign_id)}")
 
     def campaign_results(self, campaign_id: str) -> dict[str, Any]:
         """Scores and tests over the insertions that have ended."""
-        return dict(self._json("GET", f"/api/v1/campaigns/{campaign_id}/results"))
+        return dict(self._json("GET", f"/api/v1/campaigns/{part(campaign_id)}/results"))
 
     def campaign_csv(self, campaign_id: str, path: Path) -> Path:
         """Download a table with a line for each insertion that has ended. Returns `path`."""
-        return self._download(f"/api/v1/campaigns/{campaign_id}/results?format=csv", path)
+        return self._download(f"/api/v1/campaigns/{part(campaign_id)}/results?format=csv", path)
 
     def campaign_report(self, campaign_id: str, path: Path) -> Path:
         """Download the report page. Returns `path`."""
-        return self._download(f"/api/v1/campaigns/{campaign_id}/report", path)
+        return self._download(f"/api/v1/campaigns/{part(campaign_id)}/report", path)
 
     def compare(self, campaigns: Sequence[str], controllers: Sequence[str] | None = None) -> dict[str, Any]:
         """Paired tests between two campaigns, or between two controllers of one."""
@@ -113,7 +113,7 @@ class CampaignCalls(Connection):
 
     def trend(self, suite: str) -> list[dict[str, Any]]:
         """The suite's campaigns, oldest first, each with what became of it against those before."""
-        return list(self._json("GET", f"/api/v1/trends/{suite}")["points"])
+        return list(self._json("GET", f"/api/v1/trends/{part(suite)}")["points"])
 
     # -- schedules
 
@@ -127,16 +127,16 @@ class CampaignCalls(Connection):
 
     def change_schedule(self, schedule_id: str, changes: Mapping[str, Any]) -> dict[str, Any]:
         """Other values for some of its fields."""
-        return dict(self._json("PATCH", f"/api/v1/schedules/{schedule_id}", json=dict(changes)))
+        return dict(self._json("PATCH", f"/api/v1/schedules/{part(schedule_id)}", json=dict(changes)))
 
     def trigger_schedule(self, schedule_id: str) -> dict[str, Any]:
         """Run its campaign now; what became of that."""
-        return dict(self._json("POST", f"/api/v1/schedules/{schedule_id}/trigger"))
+        return dict(self._json("POST", f"/api/v1/schedules/{part(schedule_id)}/trigger"))
 
     def schedule_runs(self, schedule_id: str, *, limit: int = 20) -> list[dict[str, Any]]:
         """What became of its ticks, newest first."""
-        return list(self._json("GET", f"/api/v1/schedules/{schedule_id}/runs", params={"limit": limit})["items"])
+        return list(self._json("GET", f"/api/v1/schedules/{part(schedule_id)}/runs", params={"limit": limit})["items"])
 
     def delete_schedule(self, schedule_id: str) -> None:
         """Forget a schedule and its history; the campaigns that it started stay."""
-        self._request("DELETE", f"/api/v1/schedules/{schedule_id}")
+        self._request("DELETE", f"/api/v1/schedules/{part(schedule_id)}")

@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Self
 
-from service.connection import Connection
+from service.connection import Connection, part
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -44,11 +44,11 @@ class ModelCalls(Connection):
 
     def model(self, model_id: str) -> ModelInfo:
         """One model; `raw` has its settings, its provenance and the last jobs that steer by it."""
-        return ModelInfo.of(self._json("GET", f"/api/v1/models/{model_id}"))
+        return ModelInfo.of(self._json("GET", f"/api/v1/models/{part(model_id)}"))
 
     def model_file(self, model_id: str, path: Path) -> Path:
         """Download it. Returns `path`."""
-        return self._download(f"/api/v1/models/{model_id}/content", path)
+        return self._download(f"/api/v1/models/{part(model_id)}/content", path)
 
     def controllers(self) -> dict[str, str]:
         """Kinds of controllers: kind -> what it does."""

@@ -4,13 +4,13 @@ from __future__ import annotations
 
 from pathlib import Path
 from types import TracebackType
-from typing import Any, Self
-from urllib.parse import urlsplit
+from typing import Any, BinaryIO, Self
+from urllib.parse import quote, urlsplit
 
 import httpx2
 
 from service.settings import is_loopback
-from simcore.errors import NeedlebenchError, Problem
+from simcore.errors import NeedlebenchError, Problem, ScenarioError
 
 
 class ServiceError(NeedlebenchError):
@@ -25,19 +25,35 @@ class Unreachable(NeedlebenchError):
     """Nobody answers at the address."""
 
 
+class CannotWrite(NeedlebenchError):
+    """A download has nowhere to go; says which file and why."""
+
+
+def part(name: str) -> str:
+    """An id or a name as one part of an address, whatever is in it, dots that would lead elsewhere included."""
+    return quote(name, safe="") if name.strip(".") else name.replace(".", "%2E") or "%20"
+
+
 class Connection:
     """What every part of the client speaks through. Use it as a context manager, or close it."""
 
     def __init__(self, url: str, api_key: str | None = None, *, timeout_s: float = 30.0) -> None:
+        if api_key and not (api_key.isascii() and api_key.isprintable()):
+            raise ScenarioError([Problem("API key", "(hidden)", "must be printable ASCII characters")])
         headers = {"Authorization": f"Bearer {api_key}"} if api_key else {}
-        local = is_loopback(urlsplit(url).hostname or "")
         self.url = url.rstrip("/")
-        self._http = httpx2.Client(
-            base_url=self.url,
-            headers=headers,
-            timeout=httpx2.Timeout(timeout_s, connect=10.0),
-            trust_env=not local,  # a proxy cannot reach this machine's loopback
-        )
+        try:
+            local = is_loopback(urlsplit(url).hostname or "")
+            self._http = httpx2.Client(
+                base_url=self.url,
+                headers=headers,
+                timeout=httpx2.Timeout(timeout_s, connect=10.0),
+                trust_env=not local,  # a proxy cannot reach this machine's loopback
+            )
+        except (ValueError, httpx2.InvalidURL) as error:
+            raise Unreachable(
+                f"{url!r} is not the address of a service, as in http://127.0.0.1:8321: {error}"
+            ) from None
 
     def __enter__(self) -> Self:
         return self
@@ -52,7 +68,13 @@ class Connection:
         self._http.close()
 
     def _json(self, method: str, path: str, **options: Any) -> Any:
-        return self._request(method, path, **options).json()
+        answer = self._request(method, path, **options)
+        try:
+            return answer.json()
+        except ValueError:
+            raise ServiceError(
+                answer.status_code, f"what answers at {self.url} is no needlebench service", []
+            ) from None
 
     def _request(self, method: str, path: str, **options: Any) -> httpx2.Response:
         try:
@@ -72,7 +94,7 @@ class Connection:
                 if answer.is_error:
                     answer.read()
                     raise refusal(answer)
-                with draft.open("wb") as file:
+                with _writable(draft, target) as file:
                     for chunk in answer.iter_bytes():
                         file.write(chunk)
             draft.replace(target)
@@ -81,6 +103,13 @@ class Connection:
         finally:
             draft.unlink(missing_ok=True)
         return target
+
+
+def _writable(draft: Path, target: Path) -> BinaryIO:
+    try:
+        return draft.open("wb")
+    except OSError as error:
+        raise CannotWrite(f"{target} cannot be written: {error.strerror}") from None
 
 
 def refusal(answer: httpx2.Response) -> ServiceError:

@@ -120,6 +120,7 @@ _CAUSES = {
     413: "The body is too long.",
     414: "The address is too long.",
     415: "The body is not of a type that is taken.",
+    416: "The Range header asks for bytes that the file does not have.",
     421: "The Host header is not a name of this machine.",
     422: "A field is missing or out of its range; `errors` names field, value and range.",
     429: "Too many requests of this key, or too many queued jobs; Retry-After says when to ask again.",

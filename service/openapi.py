@@ -1,4 +1,4 @@
-"""The OpenAPI document: the framework's, with the one error shape and the key added."""
+"""The OpenAPI document: the framework's, with the one error shape, the key and examples of answers added."""
 
 from __future__ import annotations
 
@@ -10,6 +10,7 @@ from fastapi.openapi.utils import get_openapi
 
 from service.access import SCOPE_FIELD, scope_of
 from service.key_guard import COOKIE, OPEN_PATHS
+from service.openapi_examples import EXAMPLES
 from service.schemas import ProblemDetails
 
 
@@ -30,6 +31,8 @@ def _made(app: FastAPI) -> dict[str, Any]:
     problem = ProblemDetails.model_json_schema(ref_template="#/components/schemas/{model}")
     components = made.setdefault("components", {})
     components.setdefault("schemas", {}).update({**problem.pop("$defs", {}), ProblemDetails.__name__: problem})
+    for name, example in EXAMPLES.items():
+        components["schemas"][name].setdefault("examples", [example])
     components["securitySchemes"] = {
         "key": {"type": "http", "scheme": "bearer", "description": "An API key, made by `needlebench key create`."},
         "login": {"type": "apiKey", "in": "cookie", "name": COOKIE, "description": "Set by POST /login."},

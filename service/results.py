@@ -66,7 +66,7 @@ def get_metrics(job_id: JobId, service: ServiceOf) -> MetricsView:
                 NPZ: _BINARY,
             },
         },
-        **documented(404, 409),
+        **documented(400, 404, 409, 416),
     },
 )
 def get_series(
@@ -123,7 +123,7 @@ def list_artefacts(job_id: JobId, service: ServiceOf) -> ArtefactList:
     summary="One file of a job",
     tags=["results"],
     response_class=FileResponse,
-    responses={200: {"content": {"application/octet-stream": _BINARY}}, **documented(404)},
+    responses={200: {"content": {"application/octet-stream": _BINARY}}, **documented(400, 404, 416)},
 )
 def get_artefact(job_id: JobId, name: str, service: ServiceOf) -> Response:
     """The file as the job wrote it; only names in the list of artefacts are known."""
@@ -169,7 +169,7 @@ def get_log(
         200: {"description": "The whole file, or a running job's as it grows.", "content": {RRD: _BINARY}},
         206: {"description": "A range of a complete file.", "content": {RRD: _BINARY}},
         304: {"description": "Not changed."},
-        **documented(404),
+        **documented(400, 404, 416),
     },
 )
 async def get_recording(

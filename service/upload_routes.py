@@ -148,7 +148,7 @@ def get_upload(upload_id: UploadId, service: ServiceOf) -> UploadView:
     operation_id="get_upload_content",
     summary="The content of an uploaded file",
     response_class=FileResponse,
-    responses={200: {"content": {_PLAIN: _BINARY}}, **documented(404)},
+    responses={200: {"content": {_PLAIN: _BINARY}}, **documented(400, 404, 416)},
 )
 def get_upload_content(upload_id: UploadId, service: ServiceOf) -> Response:
     """Byte for byte as it was sent in."""

@@ -220,6 +220,18 @@ def test_a_complete_recording_has_ranges_and_a_tag(both: tuple[TestClient, Servi
     assert http.get(url, headers={"If-None-Match": whole.headers["etag"]}).status_code == 304
 
 
+@pytest.mark.parametrize(("asked", "status"), [("bytes=99-", 416), ("bytes=x", 400), ("lines=1-2", 400)])
+def test_a_range_that_cannot_be_given_is_a_problem(both: tuple[TestClient, Service], asked: str, status: int) -> None:
+    http, service = both
+    job = http.post(JOBS, json={"scenario": "line"}).json()
+    finish(service)
+    for path in (f"/recordings/{job['id']}.rrd", f"{JOBS}/{job['id']}/artefacts/recording.rrd"):
+        answer = http.get(path, headers={"Range": asked})
+        assert (answer.status_code, answer.headers["content-type"]) == (status, "application/problem+json")
+        assert (answer.json()["status"], answer.json()["instance"]) == (status, path)
+        assert answer.headers.get("content-range") == ("bytes */10" if status == 416 else None)
+
+
 def test_a_job_without_recording_says_so(both: tuple[TestClient, Service]) -> None:
     http, service = both
     job = submit(http, scenario={"recording": {"enabled": False}})

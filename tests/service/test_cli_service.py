@@ -3,6 +3,7 @@ from __future__ import annotations
 import re
 from pathlib import Path
 
+import click
 import pytest
 from click.testing import CliRunner, Result
 
@@ -15,29 +16,19 @@ def needlebench(*words: str, **variables: str) -> Result:
     return CliRunner().invoke(main, words, env={**dict.fromkeys(names), **variables})
 
 
-COMMANDS = (
-    "serve",
-    "submit",
-    "demo",
-    "jobs",
-    "show",
-    "cancel",
-    "retry",
-    "pin",
-    "unpin",
-    "verify",
-    "gc",
-    "doctor",
-    "upload",
-    "uploads",
-    "models",
-    "key",
-)
+def commands(group: click.Group, *names: str) -> list[tuple[str, ...]]:
+    """The words that lead to each command, groups included."""
+    found: list[tuple[str, ...]] = []
+    for name in group.list_commands(click.Context(group)):
+        command = group.get_command(click.Context(group), name)
+        found.append((*names, name))
+        found += commands(command, *names, name) if isinstance(command, click.Group) else []
+    return found
 
 
-@pytest.mark.parametrize("command", COMMANDS)
-def test_help_teaches_by_example(command: str) -> None:
-    told = needlebench(command, "--help")
+@pytest.mark.parametrize("words", commands(main), ids=" ".join)
+def test_help_teaches_by_example(words: tuple[str, ...]) -> None:
+    told = needlebench(*words, "--help")
     assert told.exit_code == 0
     assert len(re.findall(r": +(NEEDLEBENCH_\w+=\S+ )?needlebench ", told.output)) >= 1
 
@@ -61,6 +52,22 @@ def test_without_a_service_the_way_to_start_one_is_told(tmp_path: Path) -> None:
     told = needlebench("jobs", NEEDLEBENCH_DATA=str(tmp_path), NEEDLEBENCH_URL="http://127.0.0.1:9")
     assert told.exit_code == 1
     assert "needlebench serve" in told.output
+
+
+def test_listing_keys_makes_no_data_folder(tmp_path: Path) -> None:
+    for words in (["key", "list"], ["key", "revoke", "ab"]):
+        done = needlebench(*words, "--data", str(tmp_path / "nothing"))
+        assert done.exit_code == 2
+        assert "is no data folder of a service" in done.stderr
+    assert not (tmp_path / "nothing").exists()
+
+
+def test_a_table_that_cannot_be_written_is_refused_before_anything_runs(tmp_path: Path) -> None:
+    wanted = str(tmp_path / "nothing" / "a.csv")
+    data = tmp_path / "data"
+    done = needlebench("campaign", "run", "--grid", "seed=1", "--csv", wanted, "--data", str(data))
+    assert (done.exit_code, data.exists()) == (2, False)
+    assert f"--csv = {wanted!r}: there is no folder" in done.stderr
 
 
 def test_keys_are_made_listed_and_revoked_in_the_data_folder(tmp_path: Path) -> None:

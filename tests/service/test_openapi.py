@@ -5,7 +5,10 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from pydantic import BaseModel
 
+from service import access_schemas, campaign_plan, campaign_schemas, model_schemas, schemas, schemas_ops, training
+from service.openapi_examples import EXAMPLES
 from tests.service.http import idle_service
 
 OPERATIONS = {
@@ -106,6 +109,29 @@ def test_every_reference_leads_somewhere_and_the_request_has_examples(document: 
     assert "HTTPValidationError" not in schemas
     assert len(schemas["JobRequest"]["examples"]) == 2
     assert len(schemas["TrainRequest"]["examples"]) == 2
+
+
+MODELS = (access_schemas, campaign_plan, campaign_schemas, model_schemas, schemas, schemas_ops, training)
+
+
+def model_of(name: str) -> type[BaseModel]:
+    """The class behind a schema of the document."""
+    found: type[BaseModel] = next(vars(module)[name] for module in MODELS if name in vars(module))
+    return found
+
+
+def test_every_body_has_examples_and_every_example_is_one(document: dict[str, Any]) -> None:
+    components = document["components"]["schemas"]
+    for name, (_, operation) in operations(document).items():
+        body = operation.get("requestBody", {}).get("content", {}).get("application/json")
+        if body is not None:
+            assert components[body["schema"]["$ref"].rpartition("/")[2]]["examples"], name
+    for name, schema in components.items():
+        for example in schema.get("examples", ()):
+            model_of(name).model_validate(example)
+    assert EXAMPLES.keys() <= components.keys()
+    for name, example in EXAMPLES.items():
+        assert set(example) == set(components[name]["properties"]), name
 
 
 def test_every_operation_names_its_scope(document: dict[str, Any]) -> None:
