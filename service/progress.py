@@ -31,6 +31,7 @@ class ProgressFile:
         self._path = folder / NAME
         self._clock = clock
         self._steps = 0
+        self._aim_m: NDArray[np.float64] | None = None  # (3,) world, what the command of the next step is made for
         self._line_m: NDArray[np.float64] | None = None  # (p, 3) world; where the tissue carries the path, None
         self._started = self._written = clock()
 
@@ -39,10 +40,12 @@ class ProgressFile:
         self._line_m = scene.path_m if scene.scenario.trajectory.frame == "world" else None
         self._started = self._clock()
         self._write(first)
+        self._aim_m = first.target_m.copy()
 
     def step(self, record: StepRecord) -> None:
         if self._clock() - self._written >= INTERVAL_S or record.step == self._steps:
             self._write(record)
+        self._aim_m = record.target_m.copy()
 
     def end(self, rollout: Rollout) -> None:
         pass
@@ -51,6 +54,7 @@ class ProgressFile:
         import numpy as np
 
         self._written = self._clock()
+        aim_m = record.target_m if self._aim_m is None else self._aim_m  # as rmse_mm has it
         left = self._steps - record.step
         pace = (self._written - self._started) / record.step if record.step else None
         progress = {
@@ -58,7 +62,7 @@ class ProgressFile:
             "step": record.step,
             "steps": self._steps,
             "depth_mm": round(float(record.depth_m) * 1e3, 3),
-            "tip_error_mm": round(float(np.linalg.norm(record.tip_m - record.target_m)) * 1e3, 4),
+            "tip_error_mm": round(float(np.linalg.norm(record.tip_m - aim_m)) * 1e3, 6),
             "cross_track_mm": self._cross_track_mm(record),
             "insertion_force_n": round(float(record.insertion_force_n), 4),
             "eta_s": None if pace is None else round(pace * left, 1),
@@ -68,7 +72,7 @@ class ProgressFile:
     def _cross_track_mm(self, record: StepRecord) -> float | None:
         from simcore.trajectory import polyline_distance_m
 
-        return None if self._line_m is None else round(polyline_distance_m(record.tip_m, self._line_m) * 1e3, 4)
+        return None if self._line_m is None else round(polyline_distance_m(record.tip_m, self._line_m) * 1e3, 6)
 
 
 def replace_text(path: Path, text: str) -> None:

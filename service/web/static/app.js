@@ -28,6 +28,11 @@ export function words(answer) {
   return detail.charAt(0).toUpperCase() + detail.slice(1);
 }
 
+/** Show what went wrong above the page. */
+export function refuse(answer) {
+  tell(words(answer), { kind: answer.status === 0 ? "bad away" : "bad" });
+}
+
 /** Show a message above the page; items become a list. */
 export function tell(text, { kind = "bad", items = [] } = {}) {
   const box = document.createElement("div");
@@ -51,7 +56,7 @@ export function quiet() {
 export function mark(root, answer, attribute, prefix = "") {
   unmark(root);
   const errors = answer.data?.errors;
-  if (!errors) return tell(words(answer));
+  if (!errors) return refuse(answer);
   const rest = [];
   let first = null;
   for (const { field, message } of errors) {
@@ -116,7 +121,7 @@ document.addEventListener("click", async (event) => {
   button.setAttribute("aria-busy", "true");
   const answer = await send(action, { method, body: body && JSON.parse(body), headers: match ? { "If-Match": match } : {} });
   button.removeAttribute("aria-busy");
-  if (!answer.ok) tell(words(answer));
+  if (!answer.ok) refuse(answer);
   else if (goto) { location.assign(goto); return; }
   else quiet();
   document.dispatchEvent(new CustomEvent("changed"));
