@@ -53,6 +53,17 @@ def test_the_error_is_that_of_rmse_mm(tmp_path: Path) -> None:
     assert (progress.read(tmp_path) or {})["tip_error_mm"] == 0.2
 
 
+def test_the_last_step_of_a_run_that_stopped_early_is_told(tmp_path: Path) -> None:
+    told = ProgressFile(tmp_path, clock=lambda: 0.0)
+    told.begin(scene(), record(0))
+    told.step(record(1))
+    told.step(record(2, depth_m=0.0042))
+    assert (progress.read(tmp_path) or {})["step"] == 0
+    told.end(SimpleNamespace(status="inverted"))  # type: ignore[arg-type]
+    last = progress.read(tmp_path) or {}
+    assert (last["step"], last["depth_mm"]) == (2, 4.2)
+
+
 def test_it_is_written_twice_a_second_at_most_and_at_the_end(tmp_path: Path) -> None:
     moments = [0.0]
     told = ProgressFile(tmp_path, clock=lambda: moments[0])

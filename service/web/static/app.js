@@ -30,7 +30,10 @@ export function words(answer) {
 
 /** Show what went wrong above the page. */
 export function refuse(answer) {
-  tell(words(answer), { kind: answer.status === 0 ? "bad away" : "bad" });
+  if (answer.status !== 401) return tell(words(answer), { kind: answer.status === 0 ? "bad away" : "bad" });
+  tell("You are no longer logged in. ");
+  const link = { href: "/login", target: "_blank", textContent: "Log in in another window, then try again here" };
+  document.querySelector("#messages p").append(Object.assign(document.createElement("a"), link));
 }
 
 /** Show a message above the page; items become a list. */
@@ -76,9 +79,11 @@ export function mark(root, answer, attribute, prefix = "") {
     for (let around = holder.closest("details"); around; around = around.parentElement.closest("details")) around.open = true;
     first ??= controls[0];
   }
-  const count = errors.length === 1 ? "One field is" : `${errors.length} fields are`;
-  tell(first ? `${count} not as the service can take it.` : words(answer), { items: first ? rest : rest.length > 1 ? rest : [] });
-  first?.focus();
+  const count = errors.length === 1 ? "One field needs" : `${errors.length} fields need`;
+  const all = errors.map(({ field, message }) => (field ? `${field}: ${message}` : message));
+  tell(first ? `${count} another value.` : words(answer), { items: first ? all : rest.length > 1 ? rest : [] });
+  first?.focus({ preventScroll: true });
+  first?.scrollIntoView({ block: "center" });
 }
 
 /** The field of this name, else the one that holds it: trajectory.entry_mm for trajectory.entry_mm[0]. */

@@ -1,6 +1,6 @@
 // One job: its progress as it is told, its plots, its recording in the viewer.
 import { refuse, send } from "./app.js";
-import { follow, millimetres, newtons, refresh, span } from "./live.js";
+import { figure, follow, millimetres, newtons, refresh, span } from "./live.js";
 import { draw } from "./plots.js";
 
 const job = () => document.getElementById("job");
@@ -69,8 +69,8 @@ function drawLive() {
       { label: "tip error", unit: "mm", digits: 3, stroke: "--plot-1", points },
       { label: "across the path", unit: "mm", digits: 3, stroke: "--plot-3", points },
     ],
-    sentence: `Tip error over depth: ${path.error.at(-1).toFixed(3)} mm now, ${worst.toFixed(3)} mm at most.`,
-    caption: `So far ${worst.toFixed(3)} mm at most.`,
+    sentence: `Tip error over depth: ${figure(path.error.at(-1), 3)} mm now, ${figure(worst, 3)} mm at most.`,
+    caption: `So far ${figure(worst, 3)} mm at most.`,
   });
   document.getElementById("force").hidden = force === null;
   if (force === null) return;
@@ -115,7 +115,7 @@ function drawSeries() {
       data: [along, values],
       x,
       series: [{ label: title.toLowerCase(), unit, digits, stroke }],
-      sentence: known.length ? `${title}${NOTES[name]}: ${top.toFixed(digits)} ${unit} at most, at ${where?.toFixed(1)} ${x.unit}; ${known.at(-1).toFixed(digits)} ${unit} at the end.` : `${title}: nothing was measured.`,
+      sentence: known.length ? `${title}${NOTES[name]}: ${figure(top, digits)} ${unit} at most, at ${where?.toFixed(1)} ${x.unit}; ${figure(known.at(-1), digits)} ${unit} at the end.` : `${title}: nothing was measured.`,
     });
   }
 }

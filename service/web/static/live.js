@@ -123,7 +123,11 @@ export function newtons(value) {
 }
 
 export function millimetres(value, digits) {
-  if (typeof value !== "number") return "–";
+  return typeof value === "number" ? `${figure(value, digits)} mm` : "–";
+}
+
+/** With so many digits behind the point, two at least that count. */
+export function figure(value, digits) {
   const small = value !== 0 && digits > 1 && Math.abs(value) < 10 ** (1 - digits);
-  return `${small ? value.toPrecision(2) : value.toFixed(digits)} mm`;
+  return small ? String(Number(value.toPrecision(2))) : value.toFixed(digits);
 }
