@@ -35,7 +35,7 @@ from service.readiness import readings
 from service.request_log import RequestLog
 from service.uploads import UnknownUpload, UploadInUse, UploadsFull
 from service.version import installed_version
-from service.web import assets, campaigns, jobs, models, schedules, viewer
+from service.web import assets, campaigns, jobs, models, schedules, site, viewer
 
 DESCRIPTION = """Robotic needle insertions in deforming tissue, as jobs: submit a scenario, follow it, fetch its
 metrics, series and recording. Every error is `application/problem+json` (RFC 9457)."""
@@ -68,7 +68,7 @@ def create_app(service: Service) -> FastAPI:
     app.state.service = service
     service.monitor.add(lambda: readings(service))
     app.openapi = openapi.document_of(app)  # type: ignore[method-assign]
-    problems.install(app)
+    problems.install(app, page=site.problem)
     app.add_exception_handler(UnknownUpload, problems.on_unknown)
     app.add_exception_handler(UnknownModel, problems.on_unknown)
     app.add_exception_handler(UnknownKey, problems.on_unknown)

@@ -44,7 +44,7 @@ def blueprint(scene: Scene) -> rrb.Blueprint:
         ),
         rrb.BlueprintPanel(state="hidden"),
         rrb.SelectionPanel(state="hidden"),
-        rrb.TimePanel(state="collapsed", timeline="t"),
+        rrb.TimePanel(state="collapsed", timeline="t", play_state="following"),  # the end: of a running one, now
         auto_layout=False,
         auto_views=False,
     )

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import secrets
+from collections.abc import Sequence
 from dataclasses import fields
 from typing import Any
 
@@ -156,6 +157,14 @@ class CampaignStore:
         with self._store.reading() as connection:
             self._read(connection, campaign_id)
             return [_to_case(row, results) for row in connection.execute(query)]
+
+    def of_jobs(self, job_ids: Sequence[str]) -> dict[str, tuple[str, str]]:
+        """Job -> id and name of its campaign; without those that belong to none."""
+        query = select(_case.c.job_id, _campaign.c.id, _campaign.c.name).where(
+            _case.c.job_id.in_(job_ids), _campaign.c.id == _case.c.campaign_id
+        )
+        with self._store.reading() as connection:
+            return {job: (campaign, name) for job, campaign, name in connection.execute(query)}
 
     # -- changing
 

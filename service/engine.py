@@ -5,6 +5,8 @@ from __future__ import annotations
 import logging
 import threading
 
+from service.course import Point
+from service.jobs import Job
 from service.monitor import Monitor
 from service.settings import Settings
 from service.slot import Signals, Slot
@@ -48,6 +50,10 @@ class Engine:
     def busy(self) -> int:
         """How many slots see a job through."""
         return sum(slot.job_id is not None for slot in self._slots)
+
+    def course(self, job: Job) -> tuple[Point, ...]:
+        """The way of a running attempt so far; empty for any other."""
+        return next((points for slot in self._slots if (points := slot.course.of(job))), ())
 
     def stop(self) -> None:
         """End the workers; running jobs go back into the queue, without a crash counted against them."""

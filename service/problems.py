@@ -5,7 +5,7 @@ from __future__ import annotations
 import http
 import json
 import math
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from typing import Any
 
 from fastapi import FastAPI, Request
@@ -20,6 +20,7 @@ from service.schedules import ScheduleChanged, ScheduleExists, UnknownSchedule
 from simcore.errors import Problem, ScenarioError
 
 MEDIA_TYPE = "application/problem+json"
+_NO_PAGES = ("/api/", "/recordings/", "/static/", "/viewer/")
 _SHOWN = 200  # characters of an offending value that are echoed
 
 
@@ -85,8 +86,12 @@ def _title(status: int) -> str:
         return "Error"
 
 
-def install(app: FastAPI) -> None:
-    """Map every exception, the framework's own included, to a problem."""
+def install(app: FastAPI, *, page: Callable[[Request, int, str, str], Response] | None = None) -> None:
+    """Map every exception, the framework's own included, to a problem.
+
+    page: makes the page (of request, status, title, detail) that a browser gets at the address of a page.
+    """
+    app.state.problem_page = page
     app.add_exception_handler(HttpProblem, _on_problem)
     app.add_exception_handler(HTTPException, _on_http)
     app.add_exception_handler(RequestValidationError, _on_request)
@@ -105,7 +110,18 @@ def install(app: FastAPI) -> None:
 
 
 def _reply(request: Request, status: int, detail: str, **more: Any) -> Response:
-    return problem_response(status, detail, instance=request.url.path, **more)
+    path = request.url.path
+    page = getattr(request.app.state, "problem_page", None)
+    if page is None or not _is_page(request.method, path, request.headers.get("accept", "")):
+        return problem_response(status, detail, instance=path, **more)
+    response: Response = page(request, status, _title(status), detail)
+    response.headers.update(more.get("headers") or {})
+    return response
+
+
+def _is_page(method: str, path: str, accept: str) -> bool:
+    """Whether somebody looks at this address with a browser."""
+    return method == "GET" and "text/html" in accept and not path.startswith(_NO_PAGES)
 
 
 def _on_problem(request: Request, error: Exception) -> Response:

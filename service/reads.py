@@ -6,7 +6,7 @@ import statistics
 from dataclasses import fields
 from typing import Any
 
-from sqlalchemy import Connection, Engine, Row, Select, bindparam, exists, func, literal, select
+from sqlalchemy import Connection, Engine, Row, Select, and_, bindparam, exists, func, literal, or_, select
 
 from service import tables
 from service.campaign_tables import campaign, campaign_case
@@ -83,6 +83,13 @@ class Reads:
         with self._engine.begin() as connection:
             found = {row.state: row.jobs for row in connection.execute(query)}
         return {state: found.get(state, 0) for state in tables.STATES}
+
+    def before(self, job: Job) -> int:
+        """How many queued jobs will begin before this one."""
+        sooner = or_(JOB.c.priority > job.priority, and_(JOB.c.priority == job.priority, JOB.c.seq < job.seq))
+        with self._engine.begin() as connection:
+            query = select(func.count()).select_from(JOB).where(JOB.c.state == QUEUED, sooner)
+            return int(connection.execute(query).scalar_one())
 
     def oldest_queued_at(self) -> float | None:
         """When the job that has waited longest was submitted; None when nothing waits."""

@@ -53,6 +53,7 @@ class JobRequest(BaseModel):
 class Progress(BaseModel):
     """Where a running job is. eta_s is null before the first step and when it does not run.
 
+    tip_error_mm: of the tip from the target that its step was commanded for, as in rmse_mm.
     cross_track_mm: of the tip from the path; null where the tissue carries the path. insertion_force_n: along the
     needle's base, positive pushes.
     """

@@ -15,6 +15,7 @@ from sqlalchemy.exc import DBAPIError, SQLAlchemyError
 
 from service import pool, progress, train_job, worker
 from service.checks import disk_check
+from service.course import Course
 from service.disk import REFUSALS
 from service.jobs import CANCELLED, FAILED, SUCCEEDED, TIMED_OUT, TRAINING, Artefact, IllegalTransition, Job, Outcome
 from service.logs import ROOT
@@ -68,6 +69,7 @@ class Slot(threading.Thread):
         self._next: Job | None = None  # claimed together with the end of the one before
         self._untold: tuple[str, ...] = ()  # jobs whose last change may not be on the disk yet
         self._started_before = False
+        self.course = Course()
         self.pid: int | None = None
         self.job_id: str | None = None
         self.problem: str | None = None
@@ -199,6 +201,7 @@ class Slot(threading.Thread):
         """Hand the progress on, if there is any; whether somebody wants the job to stop."""
         try:
             if news is not None:
+                self.course.add(job, news)
                 self._store.beat(job, news)
             return self._store.cancel_requested(job.id)
         except SQLAlchemyError as error:  # a full disk, a locked database: the job goes on, the next tick tries again

@@ -1,7 +1,9 @@
 """The Rerun web viewer out of the installed wheel: the one that matches the recordings, without any network.
 
 Its own server is started once, on loopback, its files are kept and it is stopped. They are served from here with links
-to fonts elsewhere taken out, and with a policy that allows the scripts of its page by their digests.
+to fonts elsewhere taken out, and with a policy that allows the scripts of its page by their digests. The viewer would
+ask its maker's servers for news and tell them of its use: the policy lets nothing out, and a script of ours answers
+first, so that the console has nothing to complain of.
 """
 
 from __future__ import annotations
@@ -30,6 +32,15 @@ FILES = {
     PROGRAM: "application/wasm",
     "favicon.ico": "image/x-icon",
 }
+QUIET = """
+const reach = fetch;
+fetch = (asked, how) => {
+  const url = new URL(asked.url ?? asked, location.href);
+  const inside = url.origin === location.origin || ["blob:", "data:"].includes(url.protocol);
+  return inside ? reach(asked, how) : Promise.resolve(new Response(null, { status: 204 }));
+};
+"""
+_FORM = 2  # of the files as they are kept here: after a change of ours they are taken out anew
 _START_TIMEOUT_S = 60.0
 _WORTH_PACKING = 10_000  # bytes
 _lock = threading.Lock()
@@ -47,6 +58,11 @@ def folder(data: Path) -> Path:
     return home
 
 
+def edition() -> str:
+    """Which viewer it is, and which form of ours."""
+    return f"{version('rerun-sdk')}-{_FORM}"
+
+
 def kept(data: Path) -> Path | None:
     """Where the files are if they were taken out already."""
     home = _home(data)
@@ -54,7 +70,7 @@ def kept(data: Path) -> Path | None:
 
 
 def _home(data: Path) -> Path:
-    return data / "viewer" / version("rerun-sdk")
+    return data / "viewer" / edition()
 
 
 def _take_out(home: Path) -> None:
@@ -110,9 +126,9 @@ def _fetched(url: str) -> bytes:
 
 
 def _cleaned(page: bytes) -> bytes:
-    """The page without links to elsewhere, and without the icon that the wheel does not have."""
-    text = page.decode("utf-8")
-    return re.sub(r"<link\b[^>]*(https?://|apple-touch-icon)[^>]*>", "", text).encode()
+    """The page without links to elsewhere, without the icon that the wheel does not have, and quiet."""
+    text = re.sub(r"<link\b[^>]*(https?://|apple-touch-icon)[^>]*>", "", page.decode("utf-8"))
+    return text.replace("<script", f"<script>{QUIET}</script><script", 1).encode()
 
 
 def policy(page: bytes) -> str:

@@ -81,7 +81,7 @@ def get_campaign(
         "campaign.html",
         campaign=CampaignView.of(campaign, tally, service.store.now),
         scores=_scores(table),
-        cases=[_case(case) for case in ordered[first : first + CASES]],
+        cases=[_case(case) | {"values": _values(case, campaign.request)} for case in ordered[first : first + CASES]],
         first=first,
         size=CASES,
         sort=sort,
@@ -106,6 +106,12 @@ def _case(case: CampaignCase) -> dict[str, Any]:
         "final": measured.get("final_error_mm"),
         "step": ((result.get("timing") or {}).get("plant") or {}).get("median_ms"),
     }
+
+
+def _values(case: CampaignCase, asked: dict[str, Any]) -> str:
+    """What a case of a grid has of its own; the name of a suite's case says it."""
+    axes = asked.get("grid") or {}
+    return ", ".join(f"{name} {case.labels[name]}" for name in axes if name in case.labels)
 
 
 def _outcome(case: CampaignCase) -> str:

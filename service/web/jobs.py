@@ -13,7 +13,7 @@ from service.campaign_schemas import CampaignView
 from service.campaigns import RUNNING as CAMPAIGN_RUNNING
 from service.core import JobId, Service, ServiceOf
 from service.job_text import flat
-from service.jobs import SUCCEEDED, TERMINAL, UnknownJob
+from service.jobs import QUEUED, SUCCEEDED, TERMINAL, Job, UnknownJob
 from service.models import UnknownModel, packaged
 from service.schemas import ArtefactView, EventView, JobRequest, JobSummary, JobView, State
 from service.upload_names import UPLOAD_ID
@@ -43,6 +43,7 @@ def get_jobs(
         request,
         "jobs.html",
         jobs=[JobSummary.of(job) for job in shown],
+        campaign_of=service.campaigns.of_jobs([job.id for job in shown]),
         older_than=shown[-1].seq if len(found) > ROWS else None,
         cursor=cursor,
         wanted=state,
@@ -119,6 +120,23 @@ def _steered(service: Service, model_id: str) -> dict[str, Any] | None:
     return {"controller": {"kind": model.kind, "model": model.reference}}
 
 
+def _waits(service: Service, job: Job) -> str:
+    """Why a job does not run yet."""
+    engine = service.engine
+    if engine.problem is not None:
+        return f"No job is begun: {engine.problem}"
+    if engine.draining:
+        return "The service is about to end; the job will begin after its next start."
+    if engine.ready == 0:
+        return (
+            "The workers start. The first start compiles the simulation, which takes up to a minute; later ones do not."
+        )
+    before = service.store.before(job)
+    if before == 0:
+        return "It is the next one to begin."
+    return f"{before} {'job is' if before == 1 else 'jobs are'} before it; {engine.slots} run at a time."
+
+
 @router.get("/jobs/{job_id}")
 def get_job(job_id: JobId, request: Request, service: ServiceOf) -> Response:
     """One job: where it is, what it measured, where that comes from, its files and its log."""
@@ -139,6 +157,9 @@ def get_job(job_id: JobId, request: Request, service: ServiceOf) -> Response:
         result=result,
         terminal=job.state in TERMINAL,
         again=job.state in TERMINAL - {SUCCEEDED},
+        campaign=service.campaigns.of_jobs([job.id]).get(job.id),
+        waits=_waits(service, job) if job.state == QUEUED else "",
+        course=service.engine.course(job),
         cancelling=job.cancel_requested and job.state not in TERMINAL,
         cpu_s=job.cpu_s,
         memory_mb=job.max_rss_mb,

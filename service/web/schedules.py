@@ -28,6 +28,7 @@ def get_schedules(request: Request, service: ServiceOf) -> Response:
             (ScheduleView.of(one), [ScheduleRunView.of(run) for run in service.schedules.runs(one.id, limit=RUNS)])
             for one in found
         ],
+        trended=set(service.campaigns.suites()),
         zones=sorted(available_timezones()),
         **request_form(),
     )

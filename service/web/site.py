@@ -43,6 +43,7 @@ def environment() -> Environment:
         num=words.number,
         span=words.span,
         when=words.when,
+        there=words.there,
         shown=shown,
         size=size_text,
         sentence=words.sentence,
@@ -57,6 +58,11 @@ def page(request: Request, template: str, *, status: int = 200, **values: Any) -
     logged_in = SESSION in request.cookies
     text = html.render(path=request.url.path, logged_in=logged_in, **values)
     return HTMLResponse(text, status_code=status, headers=HEADERS)
+
+
+def problem(request: Request, status: int, title: str, detail: str) -> HTMLResponse:
+    """The page of an error."""
+    return page(request, "problem.html", status=status, code=status, title=title, detail=detail)
 
 
 def missing(request: Request, what: str) -> HTMLResponse:

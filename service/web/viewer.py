@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from importlib.metadata import version
 from typing import Annotated
 
 from fastapi import APIRouter, Header, Response
@@ -33,7 +32,7 @@ async def get_viewer_file(
     """One of the viewer's files; the first request of all takes them out of the wheel, which takes seconds."""
     if name not in viewer_files.FILES:
         raise HttpProblem(404, "the viewer has no such file")
-    tag = f'"rerun-{version("rerun-sdk")}-{name}"'
+    tag = f'"rerun-{viewer_files.edition()}-{name}"'
     headers = {
         "ETag": f"W/{tag}",
         "Cache-Control": "no-cache",

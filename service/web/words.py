@@ -4,7 +4,9 @@ from __future__ import annotations
 
 from datetime import UTC, datetime
 from typing import Any
+from zoneinfo import ZoneInfo
 
+FEWEST = 6  # end points: with fewer no sign test can reach p < 0.05
 ABSENT = "–"
 STATES = {
     "queued": "waiting",
@@ -54,6 +56,11 @@ def when(moment: datetime | float | None) -> str:
     return f"{time:%Y-%m-%d %H:%M:%S}"
 
 
+def there(moment: datetime, zone: str) -> str:
+    """The time of day in a time zone."""
+    return f"{moment.astimezone(ZoneInfo(zone)):%H:%M}"
+
+
 def sentence(one: dict[str, Any]) -> str:
     """A comparison (as `benchmarks.paper.comparison.as_json` writes it) in words."""
     first, second, difference = one["first"], one["second"], one["difference_mm"]
@@ -71,6 +78,8 @@ def sentence(one: dict[str, Any]) -> str:
         return f"{lead}: unlikely to be chance."
     if one["equivalent"]:
         return f"{lead}: shown to be equivalent."
+    if one["clusters"] < FEWEST:
+        return f"{lead}: too few end points to tell it from chance."
     return f"{lead}: within what chance would give."
 
 

@@ -365,6 +365,7 @@ def test_times_in_words(seconds: float | None, text: str) -> None:
         ({"difference_mm": 0.1}, "B has a smaller RMSE than A, by 0.1000 mm"),
         ({"p_primary": 0.4}, "within what chance would give"),
         ({"p_primary": 0.4, "equivalent": True}, "shown to be equivalent"),
+        ({"p_primary": 0.06, "clusters": 5}, "too few end points to tell it from chance"),
         ({"difference_mm": 0.0}, "have the same RMSE"),
         ({"difference_mm": None, "difference_interval_mm": None}, "one of them failed"),
         ({"difference_interval_mm": [-0.2, None]}, "-0.2000 to unbounded"),
@@ -400,6 +401,7 @@ def test_the_viewer_has_its_own_policy_and_no_link_to_elsewhere(
     with idle_service(tmp_path) as (http, _):
         answer = http.get("/viewer/index.html")
         assert "fonts" not in answer.text
+        assert answer.text.index(viewer_files.QUIET) < answer.text.index("let one")
         assert "favicon.ico" in answer.text
         policy = answer.headers["content-security-policy"]
         assert "script-src 'self' 'sha256-" in policy

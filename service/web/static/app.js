@@ -28,6 +28,14 @@ export function words(answer) {
   return detail.charAt(0).toUpperCase() + detail.slice(1);
 }
 
+/** Show what went wrong above the page. */
+export function refuse(answer) {
+  if (answer.status !== 401) return tell(words(answer), { kind: answer.status === 0 ? "bad away" : "bad" });
+  tell("You are no longer logged in. ");
+  const link = { href: "/login", target: "_blank", textContent: "Log in in another window, then try again here" };
+  document.querySelector("#messages p").append(Object.assign(document.createElement("a"), link));
+}
+
 /** Show a message above the page; items become a list. */
 export function tell(text, { kind = "bad", items = [] } = {}) {
   const box = document.createElement("div");
@@ -51,7 +59,7 @@ export function quiet() {
 export function mark(root, answer, attribute, prefix = "") {
   unmark(root);
   const errors = answer.data?.errors;
-  if (!errors) return tell(words(answer));
+  if (!errors) return refuse(answer);
   const rest = [];
   let first = null;
   for (const { field, message } of errors) {
@@ -71,9 +79,11 @@ export function mark(root, answer, attribute, prefix = "") {
     for (let around = holder.closest("details"); around; around = around.parentElement.closest("details")) around.open = true;
     first ??= controls[0];
   }
-  const count = errors.length === 1 ? "One field is" : `${errors.length} fields are`;
-  tell(first ? `${count} not as the service can take it.` : words(answer), { items: first ? rest : rest.length > 1 ? rest : [] });
-  first?.focus();
+  const count = errors.length === 1 ? "One field needs" : `${errors.length} fields need`;
+  const all = errors.map(({ field, message }) => (field ? `${field}: ${message}` : message));
+  tell(first ? `${count} another value.` : words(answer), { items: first ? all : rest.length > 1 ? rest : [] });
+  first?.focus({ preventScroll: true });
+  first?.scrollIntoView({ block: "center" });
 }
 
 /** The field of this name, else the one that holds it: trajectory.entry_mm for trajectory.entry_mm[0]. */
@@ -116,7 +126,7 @@ document.addEventListener("click", async (event) => {
   button.setAttribute("aria-busy", "true");
   const answer = await send(action, { method, body: body && JSON.parse(body), headers: match ? { "If-Match": match } : {} });
   button.removeAttribute("aria-busy");
-  if (!answer.ok) tell(words(answer));
+  if (!answer.ok) refuse(answer);
   else if (goto) { location.assign(goto); return; }
   else quiet();
   document.dispatchEvent(new CustomEvent("changed"));

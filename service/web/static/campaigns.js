@@ -25,6 +25,7 @@ form.addEventListener("submit", async (event) => {
   const text = `${found.name}: ${jobs}, ${found.steps.toLocaleString("en")} steps, about ${span(found.seconds)} when nothing else runs. First cases: ${found.first.slice(0, 5).join(", ")}.`;
   plan.append(Object.assign(document.createElement("p"), { className: "notice good", textContent: text }));
   start.focus();
+  plan.scrollIntoView({ block: "nearest" });
 });
 start.addEventListener("click", async () => {
   if (!checked) return;

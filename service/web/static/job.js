@@ -1,18 +1,22 @@
 // One job: its progress as it is told, its plots, its recording in the viewer.
-import { send, tell, words } from "./app.js";
-import { follow, millimetres, newtons, refresh, span } from "./live.js";
+import { refuse, send } from "./app.js";
+import { figure, follow, millimetres, newtons, refresh, span } from "./live.js";
 import { draw } from "./plots.js";
 
 const job = () => document.getElementById("job");
 const id = job().dataset.id;
-const path = { depth: [], error: [], lateral: [], force: [] }; // of the running attempt, since this page was opened
+const path = { depth: [], error: [], lateral: [], force: [] }; // of the running attempt
+const NAMES = ["depth", "error", "lateral", "force"];
 let source = null;
 let series = null;
 let attempt = null;
 let told = 0;
 
 function progress(data) {
-  if (attempt !== null && data.attempt !== attempt) for (const values of Object.values(path)) values.length = 0;
+  if (attempt !== null && data.attempt !== attempt) {
+    forget();
+    if (document.querySelector("iframe.viewer")) watch(); // the recording of the attempt before has ended
+  }
   attempt = data.attempt;
   const part = (name) => job().querySelector(`[data-${name}]`);
   const put = (name, text) => { const place = part(name); if (place) place.textContent = text; };
@@ -29,11 +33,26 @@ function progress(data) {
     document.getElementById("told").textContent = `Step ${data.step} of ${data.steps}${left}`;
   }
   if (typeof data.depth_mm !== "number" || typeof data.tip_error_mm !== "number") return;
-  path.depth.push(data.depth_mm);
-  path.error.push(data.tip_error_mm);
-  path.lateral.push(data.cross_track_mm ?? null);
-  path.force.push(data.insertion_force_n ?? null);
+  walk([data.depth_mm, data.tip_error_mm, data.cross_track_mm ?? null, data.insertion_force_n ?? null]);
   drawLive();
+}
+
+/** One more point of the way; a plot over depth needs an axis that does not fall. */
+function walk(point) {
+  if (point[0] < path.depth.at(-1)) return;
+  NAMES.forEach((name, i) => path[name].push(point[i]));
+}
+
+function forget() {
+  for (const values of Object.values(path)) values.length = 0;
+}
+
+/** The way before this page was opened. */
+function begin() {
+  const { course } = document.getElementById("plots").dataset;
+  attempt = Number(job().dataset.attempt) || null;
+  for (const point of JSON.parse(course)) walk(point);
+  if (path.depth.length) drawLive();
 }
 
 function drawLive() {
@@ -50,8 +69,8 @@ function drawLive() {
       { label: "tip error", unit: "mm", digits: 3, stroke: "--plot-1", points },
       { label: "across the path", unit: "mm", digits: 3, stroke: "--plot-3", points },
     ],
-    sentence: `Tip error over depth: ${path.error.at(-1).toFixed(3)} mm now, ${worst.toFixed(3)} mm at most.`,
-    caption: `Drawn from the moment this page was opened: ${worst.toFixed(3)} mm at most.`,
+    sentence: `Tip error over depth: ${figure(path.error.at(-1), 3)} mm now, ${figure(worst, 3)} mm at most.`,
+    caption: `So far ${figure(worst, 3)} mm at most.`,
   });
   document.getElementById("force").hidden = force === null;
   if (force === null) return;
@@ -60,18 +79,18 @@ function drawLive() {
     x,
     series: [{ label: "insertion force", unit: "N", digits: 3, stroke: "--plot-2", points }],
     sentence: `Insertion force over depth: ${force.toFixed(3)} N now, ${strongest.toFixed(3)} N at most.`,
-    caption: `Drawn from the moment this page was opened: ${strongest.toFixed(3)} N at most.`,
+    caption: `So far ${strongest.toFixed(3)} N at most.`,
   });
 }
 
 async function loadSeries() {
   const answer = await send(`/api/v1/jobs/${id}/series?names=t_s,depth_m,tip_m,target_m,insertion_force_n`, { method: "GET" });
-  if (!answer.ok) return tell(words(answer));
+  if (!answer.ok) return refuse(answer);
   const { t_s, depth_m, tip_m, target_m, insertion_force_n } = answer.data;
   series = {
     time: t_s,
     depth: depth_m.map((v) => v * 1e3),
-    error: tip_m.map((tip, i) => 1e3 * Math.hypot(...tip.map((v, axis) => v - target_m[i][axis]))),
+    error: tip_m.map((tip, i) => (i ? 1e3 * Math.hypot(...tip.map((v, axis) => v - target_m[i - 1][axis])) : null)), // as rmse_mm has it
     force: insertion_force_n,
   };
   document.getElementById("axis").hidden = false;
@@ -79,6 +98,8 @@ async function loadSeries() {
   document.getElementById("force").hidden = false;
   drawSeries();
 }
+
+const NOTES = { error: ", tip to the target that its step was commanded for", force: "" };
 
 function drawSeries() {
   const depth = document.getElementById("over-depth").checked;
@@ -94,7 +115,7 @@ function drawSeries() {
       data: [along, values],
       x,
       series: [{ label: title.toLowerCase(), unit, digits, stroke }],
-      sentence: known.length ? `${title}: ${top.toFixed(digits)} ${unit} at most, at ${where?.toFixed(1)} ${x.unit}; ${known.at(-1).toFixed(digits)} ${unit} at the end.` : `${title}: nothing was measured.`,
+      sentence: known.length ? `${title}${NOTES[name]}: ${figure(top, digits)} ${unit} at most, at ${where?.toFixed(1)} ${x.unit}; ${figure(known.at(-1), digits)} ${unit} at the end.` : `${title}: nothing was measured.`,
     });
   }
 }
@@ -108,11 +129,13 @@ function deepening(depths) {
 }
 
 function settle() {
-  const { terminal, plotted, unasked, recorded } = job().dataset;
+  const { state, terminal, plotted, unasked, recorded } = job().dataset;
   if (terminal === "true") document.getElementById("plots").hidden = plotted !== "true";
+  if (state === "queued") { forget(); document.getElementById("plots").hidden = true; }
   if (terminal !== "true" && !source) listen();
   if (terminal === "true" && source) { source.close(); source = null; }
-  if (terminal === "true") document.getElementById("pulse").hidden = true;
+  const opener = document.getElementById("open-recording");
+  if (opener && terminal === "true" && !document.querySelector("iframe.viewer")) opener.textContent = "Open recording";
   const recording = document.getElementById("recording");
   if (recording) recording.hidden = recorded !== "true";
   if (terminal !== "true") series = null; // another attempt will bring its own
@@ -133,16 +156,26 @@ document.addEventListener("refreshed", settle);
 document.getElementById("over-depth").addEventListener("change", drawSeries);
 document.getElementById("draw").addEventListener("click", loadSeries);
 
-document.getElementById("open-recording")?.addEventListener("click", (event) => {
+/** Address of the viewer with the recording of this job in it. */
+function viewerUrl() {
   const recording = new URL(document.getElementById("recording").dataset.url, location.href).href;
   const theme = matchMedia("(prefers-color-scheme: dark)").matches ? "dark" : "light";
-  const query = new URLSearchParams({ url: recording, hide_welcome_screen: "1", persist: "0", notebook: "0", theme });
+  return `/viewer/index.html?${new URLSearchParams({ url: recording, hide_welcome_screen: "1", persist: "0", notebook: "0", theme })}`;
+}
+
+function watch() {
   const frame = document.createElement("iframe");
   frame.className = "viewer";
   frame.title = "Recording of the job in the Rerun viewer";
-  frame.src = `/viewer/index.html?${query}`;
+  frame.allow = "fullscreen";
+  frame.src = viewerUrl();
   document.getElementById("viewer").replaceChildren(frame);
-  event.target.textContent = "Load again";
-});
+  document.getElementById("open-recording").textContent = "Load again";
+}
 
+document.getElementById("alone")?.addEventListener("click", ({ target }) => { target.href = viewerUrl(); });
+document.getElementById("open-recording")?.addEventListener("click", watch);
+
+begin();
 settle();
+setInterval(() => { if (job().dataset.state === "queued") refresh(); }, 4000); // its place in the queue

@@ -2,7 +2,7 @@
 import { send, words } from "./app.js";
 import { follow, millimetres, refresh, span } from "./live.js";
 
-const stream = follow("/api/v1/events", (kind, data) => {
+follow("/api/v1/events", (kind, data) => {
   if (kind !== "progress") return refresh();
   const row = document.querySelector(`#jobs tr[data-key="${CSS.escape(data.job)}"]`);
   if (!row) return;
@@ -12,21 +12,29 @@ const stream = follow("/api/v1/events", (kind, data) => {
   row.querySelector("[data-depth]").textContent = millimetres(data.depth_mm, 1);
   row.querySelector("[data-error]").textContent = millimetres(data.tip_error_mm, 3);
   if (document.querySelector("#campaigns table")) refresh();
-});
-stream.addEventListener("open", () => refresh()); // what happened after the page was made and before the stream began
+}, refresh); // when the stream begins: what happened after the page was made
+
+let known = ""; // what was told of its readiness
 
 /** What an operator should know: a disk that runs short, workers that do not start. */
 async function readiness() {
   const answer = await send("/readyz", { method: "GET" });
+  if (answer.status === 0) return; // the stream tells that
   const texts = answer.ok ? [...(answer.data.warnings ?? []), answer.data.problem].filter(Boolean) : [words(answer)];
-  const box = document.getElementById("readiness");
-  box.replaceChildren(...texts.map((text) => {
+  if (texts.join() === known) return; // else it would be read out again and again
+  known = texts.join();
+  document.getElementById("readiness").replaceChildren(...texts.map((text) => {
     const note = Object.assign(document.createElement("div"), { className: answer.ok ? "notice" : "notice bad" });
-    note.setAttribute("role", "status");
-    note.append(Object.assign(document.createElement("p"), { textContent: text }));
+    note.append(Object.assign(document.createElement("p"), { textContent: text.charAt(0).toUpperCase() + text.slice(1) }));
     return note;
   }));
 }
 
+let since = 0; // seconds since it was asked last: often while something is the matter
+setInterval(() => {
+  since += 3;
+  if (document.hidden || (since < 60 && !document.querySelector("#readiness .notice"))) return;
+  since = 0;
+  readiness();
+}, 3000);
 readiness();
-setInterval(() => { if (!document.hidden) readiness(); }, 60_000);

@@ -6,20 +6,63 @@ let due = false;
 let last = 0;
 const read = new Map(); // id of a part -> its HTML as it was read last
 
-/** Follow a stream of events; `heard` gets (kind, data). Ends with the page, or when the service says so. */
-export function follow(url, heard) {
+const KINDS = ["queued", "started", "progress", "requeued", "crashed", "cancel_requested", "succeeded", "failed",
+  "cancelled", "timed_out", "pinned", "unpinned", "deleted"];
+const AGAIN_MS = 5000; // before a stream that was refused is asked for again
+const AWAY_MS = 2500; // without an answer before that is said
+let silence = null;
+
+/** Follow a stream of events; `heard` gets (kind, data), `opened` is told of each beginning. Until close(), through restarts. */
+export function follow(url, heard, opened = () => {}) {
   const pulse = document.getElementById("pulse");
-  const source = new EventSource(url);
-  const kinds = ["queued", "started", "progress", "requeued", "crashed", "cancel_requested", "succeeded", "failed",
-    "cancelled", "timed_out", "pinned", "unpinned", "deleted"];
-  for (const kind of kinds) source.addEventListener(kind, (event) => heard(kind, JSON.parse(event.data)));
-  source.onopen = () => { pulse.hidden = false; pulse.classList.add("on"); pulse.textContent = "live"; };
-  source.onerror = () => {
-    pulse.classList.remove("on");
-    pulse.textContent = source.readyState === EventSource.CLOSED ? "" : "connecting";
+  let source = null;
+  let over = false;
+  const begin = () => {
+    if (over) return;
+    source = new EventSource(url);
+    for (const kind of KINDS) source.addEventListener(kind, (event) => heard(kind, JSON.parse(event.data)));
+    source.onopen = () => {
+      pulse.hidden = false;
+      pulse.classList.add("on");
+      pulse.textContent = "live";
+      answers(true);
+      opened();
+    };
+    source.onerror = () => {
+      pulse.classList.remove("on");
+      pulse.textContent = "connecting";
+      answers(false);
+      if (source.readyState !== EventSource.CLOSED) return; // else the browser tries again by itself
+      setTimeout(() => { refresh(); begin(); }, AGAIN_MS);
+    };
   };
-  addEventListener("pagehide", () => source.close());
-  return source;
+  const close = () => { over = true; source.close(); pulse.hidden = true; };
+  addEventListener("pagehide", close);
+  addEventListener("pageshow", (event) => { if (event.persisted) location.reload(); }); // back from the browser's cache
+  begin();
+  return { close };
+}
+
+/** Whether the service answers. A silence is told, what was told because of it goes when it is back. */
+function answers(yes) {
+  const note = document.getElementById("away");
+  if (!yes) {
+    if (note.hidden) silence ??= setTimeout(doubt, AWAY_MS);
+    return;
+  }
+  clearTimeout(silence);
+  silence = null;
+  note.hidden = true;
+  for (const told of document.querySelectorAll("#messages .away")) told.remove();
+}
+
+/** A stream may end for other reasons than a service that is away: ask. */
+async function doubt() {
+  const mine = silence;
+  const alive = await fetch("/healthz", { cache: "no-store" }).then(() => true, () => false);
+  if (silence !== mine) return;
+  silence = null;
+  document.getElementById("away").hidden = alive;
 }
 
 /** Read the page anew soon and put in the parts marked data-live that differ; `changed` is told of it afterwards. */
@@ -34,7 +77,8 @@ export async function refresh() {
       due = false;
       last = Date.now();
       const answer = await fetch(location.href, { cache: "no-store" }).catch(() => null);
-      if (answer?.status === 404) { location.reload(); return; }
+      if (answer?.status === 404 || answer?.redirected) { location.reload(); return; } // deleted, or logged out
+      answers(answer !== null);
       if (answer?.ok) exchange(new DOMParser().parseFromString(await answer.text(), "text/html"));
     }
   } finally {
@@ -79,7 +123,11 @@ export function newtons(value) {
 }
 
 export function millimetres(value, digits) {
-  if (typeof value !== "number") return "–";
+  return typeof value === "number" ? `${figure(value, digits)} mm` : "–";
+}
+
+/** With so many digits behind the point, two at least that count. */
+export function figure(value, digits) {
   const small = value !== 0 && digits > 1 && Math.abs(value) < 10 ** (1 - digits);
-  return `${small ? value.toPrecision(2) : value.toFixed(digits)} mm`;
+  return small ? String(Number(value.toPrecision(2))) : value.toFixed(digits);
 }

@@ -66,5 +66,4 @@ form.addEventListener("submit", async (event) => {
 
 field("kind").addEventListener("change", settle);
 settle();
-const stream = follow("/api/v1/events", (kind) => { if (kind !== "progress") refresh(); });
-stream.addEventListener("open", () => refresh());
+follow("/api/v1/events", (kind) => { if (kind !== "progress") refresh(); }, refresh);

@@ -1,5 +1,6 @@
 // Plots by uPlot in the colours of the page, with a sentence for those who do not see them.
 /* global uPlot */
+import { figure } from "./live.js";
 
 const shown = new Map(); // element -> how to draw it
 
@@ -37,7 +38,7 @@ function paint(element) {
         points: one.points ? { show: true, size: one.points, fill: colour(one.stroke) } : undefined,
         paths: one.width === 0 ? () => null : undefined,
         spanGaps: true,
-        value: (_, v) => (v === null || v === undefined ? "–" : `${v.toFixed(one.digits)} ${one.unit}`),
+        value: (_, v) => (v === null || v === undefined ? "–" : `${figure(v, one.digits)} ${one.unit}`),
       })),
     ],
   };

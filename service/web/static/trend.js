@@ -8,7 +8,7 @@ function plot(id, { title, unit, digits, values, bad, range }) {
   const known = values.filter((value) => value !== null);
   const worse = values.map((value, i) => (bad(points[i]) ? value : null));
   const count = worse.filter((value) => value !== null).length;
-  const told = count === 1 ? "1 run is marked as worse" : `${count} runs are marked as worse`;
+  const told = count === 0 ? "no run is marked as worse" : count === 1 ? "1 run is marked as worse" : `${count} runs are marked as worse`;
   draw(document.getElementById(`plot-${id}`), {
     data: [at, values, worse],
     x: { label: "date, UTC", unit: "", time: true, notes: points.map((point) => (point.commit ?? "").slice(0, 10)) },
