@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import secrets
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from dataclasses import fields
 from typing import Any
 
@@ -50,35 +51,38 @@ class ScheduleStore:
         now = self._store.now
         first = next_tick(values["cron"], values["timezone"], now)
         row = {**values, "id": secrets.token_hex(8), "next_run_at": first, "created_at": now, "version": 1}
-        return self._written(insert(_schedule).values(row).returning(*_COLUMNS), values["name"])
+        with self._writing_one(values["name"]) as connection:
+            return _to_schedule(connection.execute(insert(_schedule).values(row).returning(*_COLUMNS)).one())
 
     def change(self, schedule_id: str, values: dict[str, Any], *, version: int | None) -> Schedule:
         """Other values for some fields; version: the one that the caller has seen. The next moment is found anew.
 
         Raises UnknownSchedule, ScheduleChanged, ScheduleExists, ScenarioError.
         """
-        now = self.get(schedule_id)
-        if version is not None and version != now.version:
-            raise ScheduleChanged(
-                f"schedule {schedule_id} is at version {now.version}, not at {version}: read it again"
+        with self._writing_one(values.get("name", "")) as connection:  # nobody writes between reading and writing
+            now = self._read(connection, schedule_id)
+            if version is not None and version != now.version:
+                raise ScheduleChanged(
+                    f"schedule {schedule_id} is at version {now.version}, not at {version}: read it again"
+                )
+            timing = {name: values.get(name, getattr(now, name)) for name in ("cron", "timezone")}
+            moved = timing != {"cron": now.cron, "timezone": now.timezone} or (
+                values.get("enabled") and not now.enabled
             )
-        timing = {name: values.get(name, getattr(now, name)) for name in ("cron", "timezone")}
-        moved = timing != {"cron": now.cron, "timezone": now.timezone} or (values.get("enabled") and not now.enabled)
-        if moved:
-            values = {**values, "next_run_at": next_tick(timing["cron"], timing["timezone"], self._store.now)}
-        statement = update(_schedule).where(_schedule.c.id == schedule_id, _schedule.c.version == now.version)
-        statement = statement.values(**values, version=_schedule.c.version + 1)
-        return self._written(statement.returning(*_COLUMNS), values.get("name", now.name))
+            if moved:
+                values = {**values, "next_run_at": next_tick(timing["cron"], timing["timezone"], self._store.now)}
+            statement = update(_schedule).where(_schedule.c.id == schedule_id)
+            statement = statement.values(**values, version=_schedule.c.version + 1)
+            return _to_schedule(connection.execute(statement.returning(*_COLUMNS)).one())
 
-    def _written(self, statement: Any, name: str) -> Schedule:
+    @contextmanager
+    def _writing_one(self, name: str) -> Iterator[Connection]:
+        """A transaction that writes a schedule called `name`. Raises ScheduleExists if another has that name."""
         try:
             with self._store.writing() as connection:
-                row = connection.execute(statement).one_or_none()
+                yield connection
         except IntegrityError:
             raise ScheduleExists(f"there is a schedule named {name!r} already") from None
-        if row is None:
-            raise ScheduleChanged(f"schedule {name!r} was changed meanwhile: read it again")
-        return _to_schedule(row)
 
     def get(self, schedule_id: str) -> Schedule:
         """Raises UnknownSchedule."""

@@ -6,7 +6,6 @@ import json
 import os
 import sqlite3
 from collections.abc import Iterator
-from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
@@ -183,7 +182,7 @@ def test_the_doctor_finds_a_full_disk(tmp_path: Path, monkeypatch: pytest.Monkey
 
 
 def test_the_doctor_finds_a_damaged_web_viewer(tmp_path: Path) -> None:
-    home = tmp_path / "viewer" / version("rerun-sdk")
+    home = tmp_path / "viewer" / viewer_files.edition()
     home.mkdir(parents=True)
     missing = doctor("--data", str(tmp_path))
     assert (missing.exit_code, f"remove {home}" in missing.output) == (1, True)

@@ -52,7 +52,7 @@ def test_length_is_the_limit_of_polygons(path: Path) -> None:
 
 def test_length_of_a_line_is_its_chord() -> None:
     assert PATHS["line"].length_m == pytest.approx(math.dist(ENTRY, END), rel=1e-15)
-    assert Path(ENTRY, END, 0.0, 3.0, X).length_m == math.dist(ENTRY, END)
+    assert Path(ENTRY, END, 0.0, 3.0, X).length_m == pytest.approx(math.dist(ENTRY, END), rel=1e-15)
 
 
 def test_length_of_a_shallow_sine() -> None:
