@@ -69,7 +69,7 @@ def paper(scale_name: str, path: Path, workers: int, only_plan: bool, any_commit
 
     \b
     Does it work here, minutes:       needlebench paper --scale smoke --out out/smoke
-    A first answer:                   needlebench paper --scale quick --out out/quick
+    A first look, coarse:             needlebench paper --scale quick --out out/quick
     The paper, about an hour:         needlebench paper --scale full --out out/paper
     What would that be:               needlebench paper --scale full --plan
     A scale of one's own:             needlebench paper --scale full --fields > mine.json

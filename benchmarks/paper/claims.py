@@ -2,14 +2,15 @@
 
 A claim is reproduced only if what it says holds, and holds by the primary test; one about all insertions needs as many
 end points as the paper's for that. It is contradicted if the opposite holds, or if a sample as large as the paper's
-finds nothing. Everything else is not testable with this run; the reason is given.
+finds nothing. Everything else is not testable with this run; the reason is given. A run on a mesh or with steps coarser
+than those of the experiments decides nothing, whatever it finds.
 """
 
 from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from benchmarks.paper import statistics
 from benchmarks.paper.analysis import PRIMARY, Contrast, Score, under
@@ -27,6 +28,8 @@ SIGNIFICANT = 0.01  # [paper] of the two directions
 DIFFERENT = 0.05  # [paper] of constant against variable Young's modulus
 PAPER_END_POINTS = 100  # [paper] a sample that large and still nothing: the claim does not hold
 PAPER_STABLE = 0.98  # [paper] under variable Young's modulus
+COARSEST_MM = 6.0  # [ours] element size of the experiments; at 7.5 mm the tip is 1.7 mm away (convergence)
+COARSEST_DT_S = 0.01  # [ours] time step of the experiments
 FEW_FAILURES = 3  # fewer have no place that could be compared
 BOTH = ("ifem", "elm")
 
@@ -75,7 +78,7 @@ class Findings:
 
 def claims(findings: Findings) -> list[Claim]:
     """All of them, in the paper's order."""
-    return [
+    found = [
         stability(findings),
         direction(findings, "lin", "I-FEM is the more precise on straight paths (LIN)", "LIN", "ifem"),
         direction(findings, "cur", "The ELM is the more precise on curved paths (CUR), p < 0.01", "CUR", "elm"),
@@ -84,6 +87,22 @@ def claims(findings: Findings) -> list[Claim]:
         no_difference(findings),
         *(time_saved(findings, name, share) for name, share in PAPER_REDUCTIONS.items()),
     ]
+    coarse = coarseness(findings.rows)
+    return [_undecided(claim, coarse) for claim in found] if coarse else found
+
+
+def coarseness(table: Sequence[Row]) -> str:
+    """How the experiments' mesh or time step is too coarse for a verdict; empty if neither is."""
+    mine = main_rows(table)
+    size_mm = max((row.scenario.get("tissue", {}).get("element_size_mm", 0.0) for row in mine), default=0.0)
+    dt_s = max((row.scenario.get("dt_s", 0.0) for row in mine), default=0.0)
+    mesh = [f"a mesh of {size_mm:g} mm instead of {COARSEST_MM:g}"] if size_mm > COARSEST_MM else []
+    steps = [f"steps of {1e3 * dt_s:g} ms instead of {1e3 * COARSEST_DT_S:g}"] if dt_s > COARSEST_DT_S else []
+    return " and ".join(mesh + steps)
+
+
+def _undecided(claim: Claim, coarse: str) -> Claim:
+    return replace(claim, verdict=NOT_TESTABLE, reason=f"{claim.reason}; {coarse}: too coarse to decide")
 
 
 def stability(findings: Findings) -> Claim:

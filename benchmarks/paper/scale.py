@@ -95,6 +95,8 @@ SCALES = {
         baselines=5,
         seed_paths=4,
         timing=2,
+        sensitivity_lin=4,
+        sensitivity_cur=4,
     ),
     "full": Scale(name="full", reference_young=10, baselines=5, timing=10),
     "extended": Scale(
@@ -112,7 +114,7 @@ SCALES = {
 }
 SCALE_TEXT = {
     "smoke": "does everything work? a coarse mesh and time step, a handful of paths",
-    "quick": "a first answer: coarser mesh and time step, a quarter of the paths",
+    "quick": "a first look: coarser mesh and time step, a quarter of the paths; decides nothing either",
     "full": "the paper: 105 + 500 I-FEM + 500 ELM + 500 ELM at variable stiffness, and what they are compared with",
     "extended": "full, with I-FEM at variable stiffness, all references, 20 seeds x 25 paths, more sensitivity",
 }

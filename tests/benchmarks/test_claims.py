@@ -235,6 +235,27 @@ def test_few_insertions_do_not_show_that_all_are_so() -> None:
     assert "2 paths are too few" in found["time-text"].reason
 
 
+@pytest.mark.parametrize(
+    ("element_size_mm", "dt_s", "said"),
+    [
+        (6.0, 0.01, ""),
+        (5.0, 0.005, ""),
+        (8.0, 0.01, "a mesh of 8 mm instead of 6"),
+        (6.0, 0.02, "steps of 20 ms instead of 10"),
+        (10.0, 0.05, "a mesh of 10 mm instead of 6 and steps of 50 ms instead of 10"),
+    ],
+)
+def test_a_coarse_run_decides_nothing(element_size_mm: float, dt_s: float, said: str) -> None:
+    outcomes = [*experiments(100), *seeds()]
+    for made in outcomes:
+        made.case.scenario["dt_s"] = dt_s
+        made.case.scenario["tissue"]["element_size_mm"] = element_size_mm
+    found = verdicts(outcomes, timings())
+    assert (found["lin"].verdict == NOT_TESTABLE) == bool(said)
+    assert ({claim.verdict for claim in found.values()} == {NOT_TESTABLE}) == bool(said)
+    assert all(said in claim.reason for claim in found.values())
+
+
 def test_failures_are_named_where_they_contradict() -> None:
     found = verdicts([*pair("LIN", [0.1, 0.2, math.inf], [0.1] * 3), *pair("CUR", [0.1] * 3, [0.1, 1.5, 0.1])])
     assert found["stability"].verdict == found["submillimetric"].verdict == CONTRADICTED
