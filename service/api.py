@@ -12,7 +12,7 @@ from typing import Annotated, Any
 from fastapi import APIRouter, Header, Query, Request, Response, status
 
 from service.core import JobId, Service, ServiceOf, documented, matches
-from service.cost import check_cost
+from service.cost import Cost, check_cost, time_limit_s
 from service.schemas import JobPage, JobRequest, JobSummary, JobView, State
 from service.statuses import Status
 from simcore.files import names_mean
@@ -45,7 +45,7 @@ def submit_job(
 ) -> Response:
     """Queue one insertion. The scenario is checked first: what is wrong with it is named field by field."""
     service.refuse_when_closing()
-    scenario, uploads = _scenario(body.scenario, service)
+    scenario, cost, uploads = _scenario(body.scenario, service)
     resolved = scenario.resolved()
     owner = request.state.caller.key_id
     job = service.store.submit(
@@ -54,7 +54,7 @@ def submit_job(
         spec_hash=_hash(resolved),
         steps=scenario.steps,
         priority=body.priority,
-        timeout_s=body.timeout_s,
+        timeout_s=time_limit_s(body.timeout_s, cost),
         key=own_key(idempotency_key, owner),
         request_hash=_hash([resolved, body.priority, body.timeout_s]),
         owner=owner,
@@ -65,12 +65,12 @@ def submit_job(
     return Response(Status.of(job).body, status.HTTP_202_ACCEPTED, headers, media_type="application/json")
 
 
-def _scenario(value: Any, service: Service) -> tuple[Scenario, set[str]]:
-    """The scenario and the ids of the uploads that it names. Raises ScenarioError, also for one that costs too much."""
+def _scenario(value: Any, service: Service) -> tuple[Scenario, Cost, set[str]]:
+    """The scenario, what it costs, the ids of uploads that it names. Raises ScenarioError, also if that is too much."""
     with names_mean(lookup := service.uploads.lookup()):
         scenario = preset(value) if isinstance(value, str) else Scenario.load(value)
-        check_cost(scenario, service.settings.limits)
-    return scenario, lookup.used
+        cost = check_cost(scenario, service.settings.limits)
+    return scenario, cost, lookup.used
 
 
 def own_key(idempotency_key: str | None, owner: str | None) -> str | None:

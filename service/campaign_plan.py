@@ -14,8 +14,9 @@ from benchmarks.grid import grid
 from benchmarks.paper.records import Case, Suite
 from benchmarks.paper.suites import suite
 from service.campaigns import CampaignPlan, PlannedJob
-from service.cost import check_cost
+from service.cost import Cost, check_cost, time_limit_s
 from service.limits import Limits
+from service.schemas import TIME_LIMIT, TimeLimit
 from service.upload_names import UploadLookup
 from simcore.errors import Problem, ScenarioError
 from simcore.files import names_mean
@@ -60,9 +61,7 @@ class CampaignRequest(BaseModel):
     priority: Annotated[int, Field(strict=True, ge=-100, le=100)] = Field(
         LOW_PRIORITY, description="Of each job; higher runs first. Single jobs have 0 by default."
     )
-    timeout_s: Annotated[float, Field(strict=True, ge=1, le=86400, allow_inf_nan=False)] = Field(
-        3600.0, description="Most wall time of an attempt of a job."
-    )
+    timeout_s: TimeLimit | None = Field(None, description=f"Of each job. {TIME_LIMIT}")
 
     @model_validator(mode="after")
     def _one_of_both(self) -> CampaignRequest:
@@ -104,22 +103,23 @@ def _planned(request: CampaignRequest, limits: Limits) -> CampaignPlan:
     cases = suite_of(request)
     if not cases.cases:
         raise ScenarioError([Problem("suite", cases.name, "has no cases")])
+    jobs, costs = zip(*(_job(case, limits) for case in cases.cases), strict=True)
     return CampaignPlan(
         name=request.name or cases.name,
         request=request.model_dump(mode="json", exclude_defaults=True),
         suite=cases.name,
         suite_sha256=cases.sha256,
         priority=request.priority,
-        timeout_s=request.timeout_s,
-        jobs=tuple(_job(case, limits) for case in cases.cases),
+        timeout_s=time_limit_s(request.timeout_s, *costs),
+        jobs=jobs,
     )
 
 
-def _job(case: Case, limits: Limits) -> PlannedJob:
+def _job(case: Case, limits: Limits) -> tuple[PlannedJob, Cost]:
     scenario = Scenario.load(case.scenario)
-    check_cost(scenario, limits)
+    cost = check_cost(scenario, limits)
     text = json.dumps(case.scenario, sort_keys=True, separators=(",", ":"))
-    return PlannedJob(
+    job = PlannedJob(
         case_id=case.id,
         labels=case.labels,
         name=case.id[:100],
@@ -127,3 +127,4 @@ def _job(case: Case, limits: Limits) -> PlannedJob:
         spec_hash=hashlib.sha256(text.encode()).hexdigest(),
         steps=scenario.steps,
     )
+    return job, cost

@@ -45,12 +45,14 @@ def create(scope: str, note: str, data: Path | None) -> None:
     For a colleague:          needlebench key create --scope submit --note "Ada"
     """
     with _keys(data) as keys:
-        first = not any(item.revoked_at is None for item in keys.all())
         made, text = keys.create(scope=scope, note=note)
+        usable = [item for item in keys.all() if item.revoked_at is None]
     click.echo(text)
     click.echo(f"key {made.id}, scope {made.scope}: keep it now, it is not shown again", err=True)
-    if first:
+    if len(usable) == 1:
         click.echo("it is the first: from now on the service asks every request for a key", err=True)
+    if all(item.scope == "read" for item in usable):
+        click.echo("with these keys nobody can submit: make one of scope submit or admin too", err=True)
 
 
 @key.command("list")

@@ -6,7 +6,7 @@ import json
 import os
 from collections.abc import Callable
 from pathlib import Path
-from typing import TYPE_CHECKING, Literal, TypeVar
+from typing import TYPE_CHECKING, Any, Literal, TypeVar
 
 import click
 
@@ -122,7 +122,18 @@ def serve(
     help="Change one field; VALUE is JSON, else a string. Repeatable, applied left to right.",
 )
 @click.option("--priority", type=click.IntRange(-100, 100), default=0, show_default=True, help="Higher runs first.")
-@click.option("--timeout", "timeout_s", type=click.FloatRange(1, 86400), metavar="SECONDS", help="Default 3600.")
+@click.option(
+    "--timeout",
+    "timeout_s",
+    type=click.FloatRange(1, 86400),
+    metavar="SECONDS",
+    help="Most wall time of an attempt; default an hour, or four times the estimate if that is longer.",
+)
+@click.option(
+    "--idempotency-key",
+    metavar="TEXT",
+    help="Sent again with the same scenario, it gives the same job: for scripts that try again.",
+)
 @url_option
 @click.pass_context
 def submit(
@@ -132,6 +143,7 @@ def submit(
     changes: tuple[str, ...],
     priority: int,
     timeout_s: float | None,
+    idempotency_key: str | None,
     url: str | None,
 ) -> None:
     """Send a scenario to a running service; prints the id of the job.
@@ -145,6 +157,7 @@ def submit(
     With another field:       needlebench submit demo --set tissue.young_kpa=3
     With a mesh of your own:  needlebench upload liver.msh
                               needlebench submit mine.json --set tissue.mesh_file=artefact:ID
+    In a script, once only:   needlebench submit mine.json --idempotency-key night-42
     To another machine:       NEEDLEBENCH_API_KEY=... needlebench submit mine.json --url http://lab:8321
 
     \b
@@ -155,7 +168,10 @@ def submit(
     from service.follow import exit_code
 
     with client_of(url) as client:
-        job = _submitted(client, source, changes, priority, timeout_s)
+        data = _read(source, changes)
+        job = asked(
+            lambda: client.submit(data, priority=priority, timeout_s=timeout_s, idempotency_key=idempotency_key)
+        )
         if done := told(client, job, wait=wait):
             _print_end(client, done)
             ctx.exit(exit_code(done))
@@ -259,15 +275,12 @@ def client_of(url: str | None) -> Client:
     return Client(known, os.environ.get("NEEDLEBENCH_API_KEY"))
 
 
-def _submitted(
-    client: Client, source: str, changes: tuple[str, ...], priority: int, timeout_s: float | None
-) -> JobStatus:
-    """The job that the service made of a file, of standard input, or of a built-in name, with changes."""
+def _read(source: str, changes: tuple[str, ...]) -> Any:
+    """The scenario of a file, of standard input, or of a built-in name, with changes."""
     from service.cli_local import read_source
     from simcore.presets import with_changes
 
-    data = with_changes(read_source(source), list(changes))
-    return asked(lambda: client.submit(data, priority=priority, timeout_s=timeout_s))
+    return with_changes(read_source(source), list(changes))
 
 
 def asked(question: Callable[[], Answer]) -> Answer:

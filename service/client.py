@@ -137,7 +137,11 @@ class Client(CampaignCalls, ModelCalls):
         timeout_s: float | None = None,
         idempotency_key: str | None = None,
     ) -> JobStatus:
-        """Queue a scenario, its JSON data, or a built-in one by name. Higher priority runs first."""
+        """Queue a scenario, its JSON data, or a built-in one by name. Higher priority runs first.
+
+        timeout_s: most wall time of an attempt; None = an hour, or four times the service's estimate if that is
+        longer. idempotency_key: sent again with the same request, it gives the same job.
+        """
         data = scenario.resolved() if isinstance(scenario, Scenario) else scenario
         body: dict[str, Any] = {"scenario": data, "priority": priority}
         if timeout_s is not None:

@@ -26,6 +26,8 @@ EXACT_STEPS, PERTURBATION_STEPS = 12.0, 11.0  # a Jacobian of this kind takes as
 FACTORS = 3  # the matrix, its factor, and the factor of before while the next is made
 BYTES_PER_NODE = 5000  # of arrays by node and by tetrahedron
 BYTES_PER_STEP = 1500
+LEAST_LIMIT_S, MOST_LIMIT_S = 3600.0, 86400.0  # what an attempt may take if nobody says
+PATIENCE = 4.0  # estimates that it may take: they are rough, and machines slow
 FRAME_BYTES_PER_NODE = 48  # positions in a recorded frame, and once more while the series is put together
 
 
@@ -48,6 +50,14 @@ class Cost:
             f"estimate: {self.nodes} nodes, {self.steps} steps of {self.step_ms:.3g} ms, "
             f"{self.time_s / 3600:.3g} h, {self.memory_mb:.0f} MB"
         )
+
+
+def time_limit_s(asked: float | None, *costs: Cost) -> float:
+    """Wall time that an attempt may take: as asked; else an hour, or four times the longest estimate, up to a day."""
+    if asked is not None:
+        return asked
+    longest = max(cost.time_s for cost in costs)
+    return min(MOST_LIMIT_S, max(LEAST_LIMIT_S, PATIENCE * longest))
 
 
 @dataclass(frozen=True)

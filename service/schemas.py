@@ -22,6 +22,9 @@ ScenarioInput = Annotated[
     ),
 ]
 
+TimeLimit = Annotated[float, Field(strict=True, ge=1, le=86400, allow_inf_nan=False)]
+TIME_LIMIT = "Most wall time of an attempt; null = an hour, or four times the estimate if that is longer."
+
 
 class JobRequest(BaseModel):
     """A job to be done."""
@@ -38,9 +41,7 @@ class JobRequest(BaseModel):
 
     scenario: ScenarioInput
     priority: Annotated[int, Field(strict=True, ge=-100, le=100, description="Higher runs first.")] = 0
-    timeout_s: Annotated[
-        float, Field(strict=True, ge=1, le=86400, allow_inf_nan=False, description="Most wall time of an attempt.")
-    ] = 3600.0
+    timeout_s: TimeLimit | None = Field(None, description=TIME_LIMIT)
 
     @field_validator("scenario")
     @classmethod

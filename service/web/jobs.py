@@ -12,6 +12,7 @@ from service.api_campaigns import STEP_S
 from service.campaign_schemas import CampaignView
 from service.campaigns import RUNNING as CAMPAIGN_RUNNING
 from service.core import JobId, Service, ServiceOf
+from service.cost import LEAST_LIMIT_S
 from service.job_text import flat
 from service.jobs import QUEUED, SUCCEEDED, TERMINAL, Job, UnknownJob
 from service.models import UnknownModel, packaged
@@ -77,7 +78,8 @@ def get_submit(
         given=given,
         start=start,
         priority=schema["priority"],
-        timeout=schema["timeout_s"],
+        timeout=schema["timeout_s"] | schema["timeout_s"]["anyOf"][0],
+        least_limit_s=LEAST_LIMIT_S,
         step_s=service.store.step_s() or STEP_S,
         measured=service.store.step_s() is not None,
     )

@@ -11,8 +11,10 @@ from pathlib import Path
 import httpx2
 import numpy as np
 import pytest
+from click.testing import CliRunner, Result
 
 from needlebench import Client
+from service.cli import main
 from service.client import JobStatus, ServiceError
 from tests.acceptance.server import Server, alive, running_server, until
 
@@ -32,6 +34,17 @@ def test_submit_wait_and_fetch(server: Server, tmp_path: Path) -> None:
     with np.load(server.client.series(done.id, tmp_path / "series.npz")) as series:
         assert series["tip_m"].shape == (2, 3)
     assert server.client.recording(done.id, tmp_path / "a.rrd").read_bytes() == b"step 1\n"
+
+
+def test_the_command_sent_again_with_its_idempotency_key_makes_no_second_job(server: Server) -> None:
+    def sent(*words: str) -> Result:
+        return CliRunner().invoke(main, ["submit", "-", "--url", server.url, *words], input='{"name": "quick"}')
+
+    first, second = (sent("--idempotency-key", "night-42") for _ in range(2))
+    assert (first.exit_code, first.stdout) == (0, second.stdout)
+    assert sent().stdout != first.stdout
+    other = sent("--idempotency-key", "night-42", "--priority", "3")
+    assert (other.exit_code, "Idempotency-Key" in other.stderr) == (2, True)
 
 
 def test_a_job_that_raises_has_failed_and_is_not_tried_again(server: Server) -> None:

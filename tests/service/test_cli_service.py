@@ -87,3 +87,12 @@ def test_keys_are_made_listed_and_revoked_in_the_data_folder(tmp_path: Path) -> 
     assert "revoked 2" in needlebench("key", "list", *data).stdout
     assert needlebench("key", "revoke", "unknown", *data).exit_code == 1
     assert needlebench("key", "create", "--note", "x" * 300, *data).exit_code == 2
+
+
+def test_keys_that_only_read_are_said_to_lock_out_whoever_submits(tmp_path: Path) -> None:
+    data = ("--data", str(tmp_path))
+    told = [
+        needlebench("key", "create", "--scope", scope, *data).stderr for scope in ("read", "read", "submit", "read")
+    ]
+    assert ["nobody can submit" in text for text in told] == [True, True, False, False]
+    assert ["it is the first" in text for text in told] == [True, False, False, False]

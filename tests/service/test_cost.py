@@ -7,8 +7,8 @@ from typing import Any
 
 import pytest
 
+from service.cost import Cost, check_cost, cost_of, time_limit_s
 from service.cost import _size_of as size_of
-from service.cost import check_cost, cost_of
 from service.limits import Limits
 from simcore.errors import ScenarioError
 from simcore.presets import preset
@@ -97,6 +97,31 @@ def test_a_job_beyond_a_limit_is_refused_with_its_estimate(
         answer = http.post(JOBS, json={"scenario": scenario})
     assert (answer.status_code, answer.json()["errors"][0]["field"]) == (422, field)
     assert estimate in answer.json()["detail"]
+
+
+LONG = {"dt_s": 1e-3, "controller": {"derivative": "exact"}, "trajectory": {"target_mm": [18, 31, 122]}}
+
+
+def test_a_long_job_may_take_four_times_its_estimate_and_a_short_one_an_hour(tmp_path: Path) -> None:
+    cost = cost_of(Scenario.load({**LONG, "dt_s": 1e-4}))
+    assert 3600 < 4 * cost.time_s < 86400
+    with idle_service(tmp_path) as (http, _):
+        for scenario, asked, given in (
+            ({**LONG, "dt_s": 1e-4}, {}, 4 * cost.time_s),
+            ({**LONG, "dt_s": 1e-4}, {"timeout_s": None}, 4 * cost.time_s),
+            ({**LONG, "dt_s": 1e-4}, {"timeout_s": 60.0}, 60.0),
+            ("demo", {}, 3600.0),
+        ):
+            answer = http.post(JOBS, json={"scenario": scenario, **asked})
+            assert (answer.status_code, answer.json()["timeout_s"]) == (202, pytest.approx(given))
+        grid = {"scenario": LONG, "grid": {"dt_s": [0.01, 1e-4]}}
+        made = http.post("/api/v1/campaigns", json=grid)
+        assert (made.status_code, made.json()["timeout_s"]) == (202, pytest.approx(4 * cost.time_s))
+
+
+def test_no_time_limit_is_longer_than_a_day() -> None:
+    cost = Cost(steps=10**6, nodes=1000, step_ms=80.0, memory_mb=100.0)
+    assert time_limit_s(None, cost) == 86400.0
 
 
 def test_the_built_in_scenarios_are_within_the_limits() -> None:
