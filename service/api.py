@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import asyncio
-import hashlib
-import json
 import shutil
 from contextlib import suppress
 from typing import Annotated, Any
@@ -13,6 +11,7 @@ from fastapi import APIRouter, Header, Query, Request, Response, status
 
 from service.core import JobId, Service, ServiceOf, documented, matches
 from service.cost import Cost, check_cost, time_limit_s
+from service.idempotency import IdempotencyKey, content_hash, own_key
 from service.schemas import JobPage, JobRequest, JobSummary, JobView, State
 from service.statuses import Status
 from simcore.files import names_mean
@@ -38,10 +37,7 @@ def submit_job(
     body: JobRequest,
     service: ServiceOf,
     request: Request,
-    idempotency_key: Annotated[
-        str | None,
-        Header(min_length=1, max_length=200, description="The same key and request give the same job again."),
-    ] = None,
+    idempotency_key: IdempotencyKey = None,
 ) -> Response:
     """Queue one insertion. The scenario is checked first: what is wrong with it is named field by field."""
     service.refuse_when_closing()
@@ -51,12 +47,12 @@ def submit_job(
     job = service.store.submit(
         name=scenario.name,
         spec={"scenario": resolved},
-        spec_hash=_hash(resolved),
+        spec_hash=content_hash(resolved),
         steps=scenario.steps,
         priority=body.priority,
         timeout_s=time_limit_s(body.timeout_s, cost),
         key=own_key(idempotency_key, owner),
-        request_hash=_hash([resolved, body.priority, body.timeout_s]),
+        request_hash=content_hash([resolved, body.priority, body.timeout_s]),
         owner=owner,
         uploads=sorted(uploads),
     )
@@ -71,17 +67,6 @@ def _scenario(value: Any, service: Service) -> tuple[Scenario, Cost, set[str]]:
         scenario = preset(value) if isinstance(value, str) else Scenario.load(value)
         cost = check_cost(scenario, service.settings.limits)
     return scenario, cost, lookup.used
-
-
-def own_key(idempotency_key: str | None, owner: str | None) -> str | None:
-    """Two API keys may use the same idempotency key for jobs of their own."""
-    if idempotency_key is None or owner is None:
-        return idempotency_key
-    return f"{owner}/{hashlib.sha256(idempotency_key.encode()).hexdigest()}"
-
-
-def _hash(value: Any) -> str:
-    return hashlib.sha256(json.dumps(value, sort_keys=True, separators=(",", ":")).encode()).hexdigest()
 
 
 @router.get(

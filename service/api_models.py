@@ -2,15 +2,14 @@
 
 from __future__ import annotations
 
-import hashlib
-import json
 from typing import Annotated, Any, get_args
 
-from fastapi import APIRouter, Header, Path, Query, Request, Response, status
+from fastapi import APIRouter, Path, Query, Request, Response, status
 from starlette.responses import FileResponse
 
-from service.api import LOCATION, own_key
+from service.api import LOCATION
 from service.core import ServiceOf, documented
+from service.idempotency import IdempotencyKey, content_hash, own_key
 from service.jobs import TRAINING
 from service.model_schemas import ControllerInfo, ControllerList, ModelDetail, ModelList, ModelView
 from service.models import MODEL_ID
@@ -54,10 +53,7 @@ def train_model(
     service: ServiceOf,
     request: Request,
     response: Response,
-    idempotency_key: Annotated[
-        str | None,
-        Header(min_length=1, max_length=200, description="The same key and request give the same job again."),
-    ] = None,
+    idempotency_key: IdempotencyKey = None,
 ) -> JobView:
     """Queue a job that learns from an uploaded data set, as `needlebench train` does. Its model is one of this service
     as soon as the job has succeeded; the same request gives the same model, to the last bit."""
@@ -70,12 +66,12 @@ def train_model(
         kind=TRAINING,
         name=body.name or f"{body.kind} from {data.name}"[:100],
         spec={"training": training},
-        spec_hash=_hash(training),
+        spec_hash=content_hash(training),
         steps=len(STAGES),
         priority=body.priority,
         timeout_s=body.timeout_s,
         key=own_key(idempotency_key, owner),
-        request_hash=_hash([training, body.name, body.priority, body.timeout_s]),
+        request_hash=content_hash([training, body.name, body.priority, body.timeout_s]),
         owner=owner,
         uploads=[data.id],
     )
@@ -89,10 +85,6 @@ def _data(found: Upload | None, reference: str) -> Upload:
         message = "is no upload of this service, or was deleted: send the file with `needlebench upload`"
         raise ScenarioError([Problem("data", reference, message)])
     return found
-
-
-def _hash(value: Any) -> str:
-    return hashlib.sha256(json.dumps(value, sort_keys=True, separators=(",", ":")).encode()).hexdigest()
 
 
 @router.get("/models/{model_id}", operation_id="get_model", summary="One model", responses=documented(404))

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import hashlib
-import json
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import Annotated, Any
@@ -15,6 +13,7 @@ from benchmarks.paper.records import Case, Suite
 from benchmarks.paper.suites import suite
 from service.campaigns import CampaignPlan, PlannedJob
 from service.cost import Cost, check_cost, time_limit_s
+from service.idempotency import content_hash
 from service.limits import Limits
 from service.schemas import TIME_LIMIT, TimeLimit
 from service.upload_names import UploadLookup
@@ -118,13 +117,12 @@ def _planned(request: CampaignRequest, limits: Limits) -> CampaignPlan:
 def _job(case: Case, limits: Limits) -> tuple[PlannedJob, Cost]:
     scenario = Scenario.load(case.scenario)
     cost = check_cost(scenario, limits)
-    text = json.dumps(case.scenario, sort_keys=True, separators=(",", ":"))
     job = PlannedJob(
         case_id=case.id,
         labels=case.labels,
         name=case.id[:100],
         spec={"scenario": case.scenario},
-        spec_hash=hashlib.sha256(text.encode()).hexdigest(),
+        spec_hash=content_hash(case.scenario),
         steps=scenario.steps,
     )
     return job, cost
