@@ -15,7 +15,7 @@ from benchmarks.paper.table import REFERENCES, Row, arms, grouped, main_rows, on
 
 CLOSE_MM = 1.0  # an insertion whose error never exceeds it
 RATIO_TARGET = 0.4  # of the open-loop RMSE on curved paths [ours]
-STEERED = ("ifem", "elm")
+STEERED: tuple[str, str] = ("ifem", "elm")
 WHISKER = 1.5  # interquartile ranges, after Tukey
 
 
@@ -211,6 +211,19 @@ def controller_contrasts(table: Sequence[Row]) -> list[Contrast]:
                 if compared:
                     found.append(Contrast(condition.young, condition.noise, "arm", compared))
     return found
+
+
+def direction_contrasts(table: Sequence[Row]) -> list[Contrast]:
+    """I-FEM against ELM along the curved paths of one direction at a time, which `varied` names: the four to an end
+    point differ in how close to a held face they lead. Under the primary condition; nothing of a single direction."""
+    curved = [row for row in under(main_rows(table), PRIMARY) if row.direction and row.arm in STEERED]
+    found = []
+    for direction in sorted({row.direction for row in curved}):
+        mine = only(curved, direction=direction)
+        first, second = (only(mine, arm=arm) for arm in STEERED)
+        if compared := compare(first, second, group=mine[0].group, names=STEERED):
+            found.append(Contrast(PRIMARY.young, PRIMARY.noise, direction, compared))
+    return found if len(found) > 1 else []
 
 
 def _couples(present: Sequence[str]) -> list[tuple[str, str]]:

@@ -58,6 +58,7 @@ class Findings:
     scores: Sequence[Score]
     contrasts: Sequence[Contrast]
     young: Sequence[Contrast]
+    directions: Sequence[Contrast]
     savings: Sequence[Saving]
     seeds: Sequence[SeedShare]
 
@@ -149,7 +150,7 @@ def direction(findings: Findings, key: str, text: str, group: str, better: str) 
     medians = f"median RMSE {millimetres(found.median_first_mm)} I-FEM, {millimetres(found.median_second_mm)} ELM"
     figure = f"{medians}; I-FEM minus ELM {_change(found)}"
     verdict, reason = _direction_verdict(found, holds)
-    notes = [reason, *_seeds(findings, group, better), *_noise(findings, group)]
+    notes = [reason, *_seeds(findings, group, better), *_noise(findings, group), *_directions(findings, group)]
     effect = (
         f"rank-biserial {effect_size(found.rank_biserial)}; "
         f"I-FEM is the better in {100 * found.superiority:.0f} % of pairs; "
@@ -189,6 +190,13 @@ def _seeds(findings: Findings, group: str, better: str) -> list[str]:
 def _noise(findings: Findings, group: str) -> list[str]:
     found = findings.contrast(group, noise="on")
     return [f"with target noise {_change(found)}, p = {p_value(found.p_primary)}"] if found else []
+
+
+def _directions(findings: Findings, group: str) -> list[str]:
+    """Medians of I-FEM and ELM along each direction of the group's paths."""
+    mine = [(found.varied, found.comparison) for found in findings.directions if found.comparison.group == group]
+    told = [f"{name} {millimetres(c.median_first_mm)} against {millimetres(c.median_second_mm)}" for name, c in mine]
+    return [f"by direction of the sine, I-FEM against ELM: {', '.join(told)}"] if told else []
 
 
 # ---- precision and stability

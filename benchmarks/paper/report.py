@@ -18,6 +18,7 @@ from benchmarks.paper.analysis import (
     Contrast,
     box,
     controller_contrasts,
+    direction_contrasts,
     scores,
     young_contrasts,
 )
@@ -53,11 +54,11 @@ def document(
     relative to the report. provenance: shown as it is.
     """
     table = rows(outcomes)
-    contrasts, young = controller_contrasts(table), young_contrasts(table)
+    contrasts, young, directions = controller_contrasts(table), young_contrasts(table), direction_contrasts(table)
     scored, timed = scores(table), rows(timing)
     seeds = seed_scores(table)
     shares = seed_shares(seeds, table)
-    found = Findings(table, scored, contrasts, young, savings(timed), shares)
+    found = Findings(table, scored, contrasts, young, directions, savings(timed), shares)
     failed = [row for row in table if row.failed]
     content = {
         "schema": SCHEMA,
@@ -68,6 +69,7 @@ def document(
         "claims": claims(found),
         "scores": scored,
         "contrasts": [_flat(contrast) for contrast in contrasts],
+        "directions": [_flat(contrast) for contrast in directions],
         "young": [_flat(contrast) for contrast in young],
         "face_mm": face_mm(main_rows(table)),
         "entry_mm": _entry_mm(main_rows(table)),

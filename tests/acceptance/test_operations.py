@@ -79,9 +79,9 @@ def figure(server: Server, name: str, **labels: str) -> float:
 
 def test_gc_is_done_by_the_service_that_runs_and_without_one_by_the_command(tmp_path: Path) -> None:
     with running_server(tmp_path) as server:
-        ids = [server.client.submit({"name": "quick"}).id for _ in range(4)]
-        for job in ids:
-            server.client.wait(job)
+        ids = []
+        for _ in range(4):  # one after the other: the order in which they end decides which are the last
+            ids.append(server.client.wait(server.client.submit({"name": "quick"}).id).id)
         server.client.pin(ids[0])
         told = needlebench("gc", "--keep-last", "2", "--json", data=tmp_path)
         assert json.loads(told.stdout)["jobs"] == [ids[1]], told.stderr

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from benchmarks.paper.analysis import box, controller_contrasts, scores, young_contrasts
+from benchmarks.paper.analysis import box, controller_contrasts, direction_contrasts, scores, young_contrasts
 from benchmarks.paper.claims import CONTRADICTED, NOT_TESTABLE, REPRODUCED, Claim, Findings, claims
 from benchmarks.paper.comparison import as_json, compare
 from benchmarks.paper.places import border_mm, chosen, face_mm, spots
@@ -38,6 +38,7 @@ def findings(outcomes: list[Outcome], timing: list[Outcome] | None = None) -> Fi
         scores=scores(table),
         contrasts=controller_contrasts(table),
         young=young_contrasts(table),
+        directions=direction_contrasts(table),
         savings=savings(rows(timing or [])),
         seeds=seed_shares(seed_scores(table)),
     )
@@ -189,6 +190,23 @@ def test_floor_needs_every_reference_below(open_loop: float, rigid: float, floor
     claim = verdicts(outcomes)["lin"]
     assert claim.verdict == (NOT_TESTABLE if floor else REPRODUCED)
     assert ("floor" in claim.reason) is floor
+
+
+def test_directions_of_the_sine_are_compared_one_by_one() -> None:
+    errors = {"+x": (0.01, 0.05), "-y": (0.11, 0.06)}
+    outcomes = [
+        outcome(f"cur-{i:03}{direction}-{arm}", error * (1 + 0.01 * i), labelled("CUR", arm, i, direction))
+        for direction, both in errors.items()
+        for arm, error in zip(("ifem", "elm"), both, strict=True)
+        for i in range(9)
+    ]
+    outcomes[0] = outcome("cur-000+x-ifem", math.inf, labelled("CUR", "ifem", 0, "+x"))
+    one, other = direction_contrasts(rows([*outcomes, *pair("LIN", [0.1] * 9, [0.2] * 9)]))
+    assert (one.varied, one.comparison.clusters_below, one.comparison.clusters_above) == ("+x", 8, 1)
+    assert (other.varied, other.comparison.clusters_below, other.comparison.clusters_above) == ("-y", 0, 9)
+    assert one.comparison.median_first_mm == pytest.approx(0.01 * 1.05)
+    assert "by direction of the sine, I-FEM against ELM: +x" in verdicts(outcomes)["cur"].reason
+    assert direction_contrasts(rows(pair("CUR", [0.1] * 3, [0.2] * 3))) == []
 
 
 def test_nothing_at_all_breaks_nothing() -> None:

@@ -96,6 +96,7 @@ def test_every_part_is_there(report: dict[str, Any]) -> None:
     assert report["face_mm"] == [36.0, 62.0]
     assert report["entry_mm"] == [18.0, 31.0]
     assert len(report["seeds"]["shares"]) == 2
+    assert [c["varied"] for c in report["directions"]] == ["+x", "+y", "-x", "-y"]
     assert {s["curve"] for s in report["learning"]} == {"nodes", "samples"}
     assert len(report["sensitivity"]) == 8
     assert [c["way"] for c in report["timing"]["costs"]] == ["I-FEM, constraint", "I-FEM, perturbation", "ELM"]
