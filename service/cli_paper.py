@@ -60,8 +60,15 @@ PACE_OVER_S = 120.0
 )
 @click.option("--plan", "only_plan", is_flag=True, help="Say what would be run, how long it takes, and end.")
 @click.option("--any-commit", is_flag=True, help="Go on with a folder that another commit began.")
+@click.option(
+    "--extend",
+    is_flag=True,
+    help="Make the run in the folder one of this scale, if mesh, time step, data set and models are the same.",
+)
 @click.option("--fields", is_flag=True, help="Print the scale as JSON, with every field, and end.")
-def paper(scale_name: str, path: Path, workers: int, only_plan: bool, any_commit: bool, fields: bool) -> None:
+def paper(
+    scale_name: str, path: Path, workers: int, only_plan: bool, any_commit: bool, extend: bool, fields: bool
+) -> None:
     """Rerun the paper: data set, ELM, test insertions, timing, statistics, report.
 
     Each finished insertion is stored at once. Interrupted by Ctrl-C, a kill or a power cut, the same command goes on
@@ -72,6 +79,7 @@ def paper(scale_name: str, path: Path, workers: int, only_plan: bool, any_commit
     A first look, coarse:             needlebench paper --scale quick --out out/quick
     The paper, about an hour:         needlebench paper --scale full --out out/paper
     What would that be:               needlebench paper --scale full --plan
+    More of it, keeping what is done: needlebench paper --scale extended --out out/paper --extend
     A scale of one's own:             needlebench paper --scale full --fields > mine.json
                                       needlebench paper --scale mine.json
 
@@ -102,7 +110,7 @@ def paper(scale_name: str, path: Path, workers: int, only_plan: bool, any_commit
     from service.paper_run import PaperRun, enough_space, identity
 
     enough_space(plan, path)
-    with opened(path, identity(plan), any_commit=any_commit) as folder:
+    with opened(path, identity(plan), any_commit=any_commit, extend=extend) as folder:
         with Crew(workers, folder=folder.series, files=path.absolute()) as crew:
             cost = _tell(plan, workers, crew)
             begun = time.monotonic()

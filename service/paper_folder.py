@@ -26,6 +26,7 @@ from simcore.errors import Problem, ScenarioError
 SCHEMA = "needlebench/paper-run/1"
 RUN, RESULTS, SERIES, MODELS, RECORDINGS = "run.json", "results", "series", "models", "recordings"
 FINGERPRINT = ("schema", "scale", "plan_sha256")
+FOUNDATION = ("element_size_mm", "dt_s", "training", "samples", "nodes")  # of a scale: what data set and models rest on
 
 
 class PaperFolder:
@@ -69,14 +70,17 @@ class PaperFolder:
 
 
 @contextmanager
-def opened(path: Path, identity: dict[str, Any], *, any_commit: bool = False) -> Iterator[PaperFolder]:
+def opened(
+    path: Path, identity: dict[str, Any], *, any_commit: bool = False, extend: bool = False
+) -> Iterator[PaperFolder]:
     """The folder for the run `identity`: new, or that of this very run, locked for as long as it is open.
 
-    identity: {"schema", "scale", "plan_sha256", "commit"}. Raises ScenarioError, with nothing changed, for a folder
+    identity: {"schema", "scale", "plan_sha256", "commit"}. extend: a run of another scale with the same data set and
+    models becomes this one; its insertions stay. Raises ScenarioError, with nothing changed, for a folder
     that holds something else, another run or that of another commit, is in use, or cannot be written.
     """
     folder = PaperFolder(path)
-    _check(folder, identity, any_commit)
+    _check(folder, identity, any_commit, extend)
     try:
         for part in (RESULTS, SERIES, MODELS, RECORDINGS):
             (path / part).mkdir(parents=True, exist_ok=True)
@@ -84,7 +88,7 @@ def opened(path: Path, identity: dict[str, Any], *, any_commit: bool = False) ->
         raise folder._refused(f"cannot be written: {error.strerror}") from None
     try:
         with held(path / ".lock"):
-            if not (path / RUN).exists():
+            if extend or not (path / RUN).exists():
                 write_json(path / RUN, identity)
             _sweep(path)
             yield folder
@@ -92,7 +96,7 @@ def opened(path: Path, identity: dict[str, Any], *, any_commit: bool = False) ->
         raise folder._refused(f"is in use by {error or 'another process'}") from None
 
 
-def _check(folder: PaperFolder, identity: dict[str, Any], any_commit: bool) -> None:
+def _check(folder: PaperFolder, identity: dict[str, Any], any_commit: bool, extend: bool) -> None:
     path = folder.path
     if not path.exists():
         return
@@ -106,10 +110,13 @@ def _check(folder: PaperFolder, identity: dict[str, Any], any_commit: bool) -> N
         return
     except (OSError, ValueError) as error:
         raise folder._refused(f"holds a {RUN} that is unreadable: {error}") from None
-    for key in FINGERPRINT:
-        if begun.get(key) != identity[key]:
-            name = begun.get("scale", {}).get("name", "unknown")
-            raise folder._refused(f"holds another run (scale {name}, {key} differs); take another folder")
+    old, new = begun.get("scale", {}), identity["scale"]
+    differing = [key for key in FINGERPRINT if begun.get(key) != identity[key]]
+    if extend and begun.get("schema") == identity["schema"]:
+        differing = [key for key in FOUNDATION if old.get(key) != new.get(key)]
+    if differing:
+        name, way = old.get("name", "unknown"), "take another folder" if extend else "take another folder, or --extend"
+        raise folder._refused(f"holds another run (scale {name}, {differing[0]} differs); {way}")
     if begun.get("commit") != identity["commit"] and not any_commit:
         commits = f"{begun.get('commit')} and not {identity['commit']}"
         raise folder._refused(f"was begun by commit {commits}; take another folder, or go on with --any-commit")

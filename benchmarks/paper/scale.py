@@ -41,7 +41,7 @@ class Scale(BaseModel):
     reference_young: Count = Field(0, description="end points of these arms at variable Young's modulus, LIN and CUR")
     noise: Count = Field(25, description="straight paths with target noise in the test, every arm")
     baselines: Count = Field(0, description="end points of the learned baselines, LIN and CUR")
-    seed_paths: Count = Field(5, description="paths on which every ELM seed is run")
+    seed_paths: Count = Field(8, description="paths on which every ELM seed is run")
     timing: int = Field(2, ge=1, le=20, description="paths of the one-worker timing pass")
     sensitivity_lin: Count = Field(1, description="straight paths of each variation of the sensitivity study")
     sensitivity_cur: Count = Field(1, description="curved paths of each variation, one direction an end point")
@@ -93,7 +93,7 @@ SCALES = {
         reference_young=5,
         noise=10,
         baselines=5,
-        seed_paths=4,
+        seed_paths=8,
         timing=2,
         sensitivity_lin=4,
         sensitivity_cur=4,

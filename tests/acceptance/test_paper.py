@@ -133,6 +133,19 @@ def content(folder: Path) -> dict[str, bytes]:
     return {str(p.relative_to(folder)): p.read_bytes() for p in folder.rglob("*") if p.is_file()}
 
 
+def test_a_run_is_extended_to_another_scale_and_keeps_what_it_has(tmp_path: Path) -> None:
+    folder = tmp_path / "run"
+    (case, *_) = resolved([case for case in plan().stages[1].cases if case.id == "lin-000-ifem"])
+    with opened(folder, identity(plan())) as first:
+        first.keep(Outcome(case, {"status": "completed", "provenance": {"scenario": case.scenario}}))
+    for _ in range(2):
+        with opened(folder, identity(plan(lin=5, name="more")), extend=True) as more:
+            assert more.finished(case) is not None
+    assert json.loads((folder / "run.json").read_text())["scale"]["name"] == "more"
+    with pytest.raises(ScenarioError, match="scale more, scale differs"):
+        opened(folder, identity(plan())).__enter__()
+
+
 def test_a_folder_of_another_run_is_refused_and_left_alone(tmp_path: Path) -> None:
     folder = tmp_path / "run"
     with opened(folder, identity(plan())):
@@ -145,6 +158,8 @@ def test_a_folder_of_another_run_is_refused_and_left_alone(tmp_path: Path) -> No
     with opened(folder, {**identity(plan()), "commit": "other"}, any_commit=True):
         with pytest.raises(ScenarioError, match="is in use by"):
             opened(folder, identity(plan())).__enter__()
+    with pytest.raises(ScenarioError, match=r"\(scale tiny, samples differs\); take another folder$"):
+        opened(folder, identity(plan(samples=200)), extend=True).__enter__()
     del before[".lock"]
     assert {name: data for name, data in content(folder).items() if name != ".lock"} == before
 
