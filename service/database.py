@@ -149,5 +149,6 @@ def _upgrade(engine: Engine, path: Path, now: Callable[[], float]) -> None:
                 f"{path} was written by a later needlebench (its tables are at {', '.join(sorted(present - known))}): "
                 "install that version, or choose another folder with --data"
             )
-        config.attributes["connection"] = connection
-        command.upgrade(config, "head")
+        if present != {ordered[0]}:
+            config.attributes["connection"] = connection
+            command.upgrade(config, "head")

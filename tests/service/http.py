@@ -16,13 +16,16 @@ from service.jobs import Artefact, Job, Outcome
 from service.settings import Settings
 from service.train_job import MODEL, train_job
 from service.worker import describe
+from tests.service.databases import lay_down
 
 HERE = "http://127.0.0.1:8321"
 
 
 @contextmanager
 def idle_service(data: Path, **settings: Any) -> Iterator[tuple[TestClient, Service]]:
-    service = Service.open(Settings(data=data, **settings))
+    made = Settings(data=data, **settings)
+    lay_down(made.database)
+    service = Service.open(made)
     try:
         yield TestClient(create_app(service), base_url=HERE, raise_server_exceptions=False), service
     finally:

@@ -22,6 +22,7 @@ from service.schedules import GRACE_S, MOST_TICKS, next_tick, ticks, to_fire
 from service.store import Store
 from service.uploads import Uploads
 from simcore.errors import ScenarioError
+from tests.service.databases import lay_down
 from tests.service.http import idle_service
 
 CAMPAIGN = {"grid": {"seed": [0]}}
@@ -50,7 +51,7 @@ class Rig:
         self.open()
 
     def open(self) -> None:
-        self.store = Store(open_database(self.path), now=self.clock)
+        self.store = Store(open_database(lay_down(self.path)), now=self.clock)
         self.campaigns = CampaignStore(self.store)
         self.schedules = ScheduleStore(self.store, self.campaigns)
         limits = Limits()

@@ -26,6 +26,7 @@ from service.monitor import Monitor
 from service.retention import Policy, clear
 from service.statements import NEXT
 from service.store import Store
+from tests.service.databases import lay_down
 
 
 @pytest.fixture
@@ -36,7 +37,7 @@ def heard() -> list[str]:
 @pytest.fixture
 def store(tmp_path: Path, heard: list[str]) -> Iterator[Store]:
     clock = count(1000.5)
-    opened = Store(open_database(tmp_path / "jobs.sqlite"), now=lambda: next(clock))
+    opened = Store(open_database(lay_down(tmp_path / "jobs.sqlite")), now=lambda: next(clock))
     opened.listen(heard.append)
     yield opened
     opened.close()
@@ -227,7 +228,9 @@ def test_a_pinned_job_is_not_deleted(store: Store) -> None:
 def test_a_clock_that_is_set_back_orders_nothing(tmp_path: Path) -> None:
     """Jobs are ordered by arrival, events by number; a job that ended in the future is not old."""
     times = [5000.0, 4000.0, 3000.0, 2000.0, 1000.0, 900.0, 800.0, 700.0, 600.0, 500.0, 400.0, 300.0, 200.0, 100.0]
-    store = Store(open_database(tmp_path / "jobs.sqlite"), now=lambda: times.pop(0) if len(times) > 1 else times[0])
+    store = Store(
+        open_database(lay_down(tmp_path / "jobs.sqlite")), now=lambda: times.pop(0) if len(times) > 1 else times[0]
+    )
     first, second = submit(store, "a"), submit(store, "b")
     assert [job.name for job in store.newest()] == ["b", "a"]
     running = claim(store)
