@@ -38,7 +38,7 @@ test-fast: check  ## the same without the slow tests
 chaos: env  ## kill, flood and starve real servers; prints a table (MOMENTS=50 REQUESTS=10000 CLIENTS=200 SECONDS=60 JOBS=2000 SEED=1)
 	NEEDLEBENCH_CHAOS_MOMENTS=$(MOMENTS) NEEDLEBENCH_CHAOS_REQUESTS=$(REQUESTS) NEEDLEBENCH_CHAOS_CLIENTS=$(CLIENTS) \
 	NEEDLEBENCH_CHAOS_SECONDS=$(SECONDS) NEEDLEBENCH_CHAOS_JOBS=$(JOBS) NEEDLEBENCH_CHAOS_SEED=$(SEED) \
-	$(BIN)/python -m pytest tests/chaos tests/acceptance/test_disk.py tests/service/test_hostile.py $(ARGS)
+	$(BIN)/python -m pytest tests/chaos tests/acceptance/test_disk.py tests/service/api/test_hostile.py $(ARGS)
 
 verification: env  ## run the physics and reproducibility tests and write benchmarks/results/verification.md (SOURCE_DATE=... for its header)
 	SOURCE_DATE="$${SOURCE_DATE:-$$(date -u +%Y-%m-%d)}" \

@@ -19,19 +19,19 @@ import importlib
 import os
 from typing import TYPE_CHECKING, Any
 
-from service.threads import THREAD_VARIABLES
+from service.blas_threads import THREAD_VARIABLES
 from service.version import installed_version
 
 for _name in THREAD_VARIABLES:
     os.environ.setdefault(_name, "1")
 
 if TYPE_CHECKING:
-    from service.client import Client
+    from service.client.client import Client
     from simcore.controllers import Controller, Observation
-    from simcore.insertion import Pose, rotation_towards
+    from simcore.insertion.insertion import Pose, rotation_towards
     from simcore.plugins import register_controller
-    from simcore.rollout import run
-    from simcore.scenario import Scenario
+    from simcore.rollout.rollout import run
+    from simcore.scenario.scenario import Scenario
 
 __version__ = installed_version()
 __all__ = [
@@ -47,14 +47,14 @@ __all__ = [
 ]
 
 _HOMES = {
-    "Client": "service.client",
+    "Client": "service.client.client",
     "Controller": "simcore.controllers",
     "Observation": "simcore.controllers",
-    "Pose": "simcore.insertion",
-    "Scenario": "simcore.scenario",
+    "Pose": "simcore.insertion.insertion",
+    "Scenario": "simcore.scenario.scenario",
     "register_controller": "simcore.plugins",
-    "rotation_towards": "simcore.insertion",
-    "run": "simcore.rollout",
+    "rotation_towards": "simcore.insertion.insertion",
+    "run": "simcore.rollout.rollout",
 }
 
 

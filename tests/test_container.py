@@ -15,7 +15,7 @@ from typing import Any
 import click
 import pytest
 
-from service.cli import main
+from service.cli.main import main
 from tests.acceptance.server import running_server
 
 ROOT = Path(__file__).resolve().parent.parent

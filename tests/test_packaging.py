@@ -52,12 +52,12 @@ def test_wheel_ships_every_file_of_the_packages_and_nothing_else(wheel: zipfile.
     }
     shipped = {name for name in wheel.namelist() if ".dist-info/" not in name}
     assert shipped == here | {"needlebench.py", "simcore/_commit.txt"}
-    assert any(name.startswith("service/migrations/") for name in shipped)
+    assert any(name.startswith("service/store/migrations/") for name in shipped)
 
 
 def test_wheel_has_command_licence_and_commit(wheel: zipfile.ZipFile) -> None:
     metadata = {name.split("/", 1)[1]: name for name in wheel.namelist() if ".dist-info/" in name}
-    assert "needlebench = service.cli:main" in wheel.read(metadata["entry_points.txt"]).decode()
+    assert "needlebench = service.cli.main:main" in wheel.read(metadata["entry_points.txt"]).decode()
     licence = wheel.read(metadata["licenses/LICENSE"]).decode()
     assert licence == (ROOT / "LICENSE").read_text(encoding="utf-8")
     assert "Apache License" in licence

@@ -6,8 +6,8 @@ from pathlib import Path
 import click
 import pytest
 
-from service.cli import main
-from simcore.parameters import markdown_table, parameters
+from service.cli.main import main
+from simcore.scenario.parameters import markdown_table, parameters
 
 README = (Path(__file__).parent.parent / "README.md").read_text()
 
@@ -51,7 +51,7 @@ def test_every_test_named_beside_an_equation_exists() -> None:
         file = None
         for name in re.findall(r"`(test_\w+\.py(?:::\w+)?|test_\w+)`", line):
             file, _, test = name.partition("::") if ".py" in name else (file, "", name)
-            source = root / "simcore" / str(file)
+            source = next((root / "simcore").rglob(str(file)), root / "missing")
             if not source.is_file() or (test and f"def {test}(" not in source.read_text()):
                 missing.append(name)
     assert missing == []

@@ -14,7 +14,7 @@ import httpx2
 import pytest
 
 from needlebench import Client
-from service.client import JobEvent
+from service.client.client import JobEvent
 from tests.acceptance.server import Server, running_server, until
 
 STREAM = {"Accept": "text/event-stream"}
