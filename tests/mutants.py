@@ -70,7 +70,7 @@ def mutants_of(module: Path) -> list[WorkItem]:
 
 
 def sample(items: list[WorkItem], count: int, draw: random.Random) -> list[WorkItem]:
-    """At most `count` mutants, each on a line of its own: operators with many replacements do not crowd out the rest."""
+    """At most `count` mutants, each on its own line: operators with many replacements do not crowd out others."""
     lines: dict[int, list[WorkItem]] = {}
     for item in items:
         lines.setdefault(item.mutations[0].start_pos[0], []).append(item)
