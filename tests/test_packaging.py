@@ -11,6 +11,7 @@ import sys
 import tomllib
 import zipfile
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import pytest
@@ -18,10 +19,11 @@ from packaging.requirements import Requirement
 from packaging.utils import canonicalize_name
 
 import bootstrap
+import bootstrap_python
 
 ROOT = Path(__file__).resolve().parent.parent
 PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))
-LOCK = (ROOT / "requirements.lock").read_text(encoding="utf-8")
+LOCKS = ("requirements-core.lock", "requirements.lock", "requirements-dev.lock")  # each holds the one before it
 COMMIT = "0123456789abcdef0123456789abcdef01234567"
 
 
@@ -84,44 +86,95 @@ def test_commit_comes_from_git_when_nothing_else_is_said(tmp_path: Path, monkeyp
 # ---- the lock
 
 
-def locked() -> dict[str, list[str]]:
+def entries(lock: str) -> list[str]:
+    """Each requirement of a lock with its marker and hashes, without comments."""
+    lines = (ROOT / lock).read_text(encoding="utf-8").splitlines()
+    text = "\n".join(line for line in lines if not line.lstrip().startswith("#"))
+    return [entry.strip() for entry in re.split(r"^(?=[A-Za-z0-9])", text, flags=re.MULTILINE) if entry.strip()]
+
+
+def locked(lock: str) -> dict[str, list[str]]:
     """Versions of each locked package (several where the Python version decides)."""
     versions: dict[str, list[str]] = {}
-    for name, version in re.findall(r"^([A-Za-z0-9_.-]+)==([^ ;\\]+)", LOCK, re.MULTILINE):
+    for entry in entries(lock):
+        name, version = entry.split()[0].split("==")
         versions.setdefault(canonicalize_name(name), []).append(version)
     return versions
 
 
-def test_lock_names_no_index_and_hashes_every_package() -> None:
-    entries = re.split(r"^(?=[A-Za-z0-9])", LOCK, flags=re.MULTILINE)[1:]
-    assert len(entries) >= 50
-    for entry in entries:
+def group(name: str) -> list[str]:
+    """The requirements of a dependency group, those of the groups in it too."""
+    lines: list[str] = []
+    for entry in PROJECT["dependency-groups"][name]:
+        lines += [entry] if isinstance(entry, str) else group(entry["include-group"])
+    return lines
+
+
+@pytest.mark.parametrize("lock", LOCKS)
+def test_a_lock_names_no_index_and_hashes_every_package(lock: str) -> None:
+    text = (ROOT / lock).read_text(encoding="utf-8")
+    assert len(entries(lock)) >= 20
+    for entry in entries(lock):
         assert re.match(r"[A-Za-z0-9_.-]+==[^ ]+ ", entry), entry
         assert re.search(r"--hash=sha256:[0-9a-f]{64}", entry), entry
-    assert not re.search(r"https?:|file:|^\s*-(i|f|-index|-extra|-find)", LOCK, re.MULTILINE)
+    assert not re.search(r"https?:|file:|^\s*-(i|f|-index|-extra|-find)", text, re.MULTILINE)
 
 
-def test_lock_satisfies_the_project() -> None:
-    project = PROJECT["project"]
-    asked = [
-        *project["dependencies"],
-        *project["optional-dependencies"]["dev"],
-        *PROJECT["build-system"]["requires"],
-    ]
-    for line in asked:
+def test_each_lock_holds_the_one_before_it_in_the_same_versions() -> None:
+    """What makes it right to leave an environment with the larger set alone where the smaller one is wanted."""
+    core, run, dev = (set(entries(lock)) for lock in LOCKS)
+    assert core < run < dev
+    assert tuple(packages.lock for packages in bootstrap.SETS.values()) == LOCKS
+
+
+@pytest.mark.parametrize(
+    ("lock", "asked"),
+    [
+        ("requirements-core.lock", group("core")),
+        ("requirements.lock", PROJECT["project"]["dependencies"]),
+        ("requirements-dev.lock", group("dev")),
+    ],
+    ids=["core", "run", "dev"],
+)
+def test_a_lock_satisfies_the_project(lock: str, asked: list[str]) -> None:
+    for line in [*asked, *PROJECT["build-system"]["requires"]]:
         requirement = Requirement(line)
-        versions = locked()[canonicalize_name(requirement.name)]
+        versions = locked(lock)[canonicalize_name(requirement.name)]
         assert all(requirement.specifier.contains(version) for version in versions), (line, versions)
+
+
+def test_what_running_needs_holds_no_tool_of_tests_and_docs() -> None:
+    tools = {canonicalize_name(Requirement(line).name) for line in group("dev")}
+    assert not tools & locked("requirements.lock").keys()
+
+
+def test_the_core_is_part_of_what_running_needs_and_has_no_viewer_store_or_server() -> None:
+    names = {canonicalize_name(Requirement(line).name) for line in PROJECT["project"]["dependencies"]}
+    assert {canonicalize_name(name) for name in group("core")} < names
+    left_out = {"rerun-sdk", "pyarrow", "sqlalchemy", "alembic", "fastapi", "starlette", "uvicorn", "httpx2"}
+    assert left_out <= locked("requirements.lock").keys()
+    assert not left_out & locked("requirements-core.lock").keys()
+
+
+@pytest.mark.parametrize("name", ["uvicorn", "pebble"])
+def test_packages_whose_insides_are_overridden_stay_at_the_version_that_was_tried(name: str) -> None:
+    (asked,) = [r for r in map(Requirement, PROJECT["project"]["dependencies"]) if r.name == name]
+    (version,) = locked("requirements.lock")[name]
+    major, minor = map(int, version.split(".")[:2])
+    assert asked.specifier.contains(f"{major}.{minor}.99")
+    assert not asked.specifier.contains(f"{major}.{minor + 1}.0")
+    assert not asked.specifier.contains(f"{major}.{minor - 1}.99")
 
 
 # ---- the launcher
 
 
-def test_launcher_reads_on_an_old_python_and_needs_no_package() -> None:
-    tree = ast.parse((ROOT / "bootstrap.py").read_text(encoding="utf-8"), feature_version=(3, 8))
+@pytest.mark.parametrize("name", ["bootstrap", "bootstrap_python"])
+def test_launcher_reads_on_an_old_python_and_needs_no_package(name: str) -> None:
+    tree = ast.parse((ROOT / f"{name}.py").read_text(encoding="utf-8"), feature_version=(3, 8))
     imports = {alias.name for node in ast.walk(tree) if isinstance(node, ast.Import) for alias in node.names}
     imports |= {str(node.module) for node in ast.walk(tree) if isinstance(node, ast.ImportFrom)}
-    assert {name.split(".")[0] for name in imports} <= sys.stdlib_module_names
+    assert {name.split(".")[0] for name in imports} <= sys.stdlib_module_names | {"bootstrap_python"}
 
 
 def answer(**changes: Any) -> dict[str, Any]:
@@ -137,7 +190,8 @@ def answer(**changes: Any) -> dict[str, Any]:
         (None, answer(), True, "packages"),
         ({}, answer(), True, "nothing"),
         ({"project": "other"}, answer(), True, "project"),
-        ({"lock": "other"}, answer(), True, "packages"),
+        ({"locks": {}}, answer(), True, "packages"),
+        ({"locks": {"core": "other", "run": "other"}}, answer(), True, "packages"),
         ({"path": "elsewhere"}, answer(), True, "rebuild"),
         ({}, answer(version=[3, 12, 2]), True, "rebuild"),
         ({}, None, True, "rebuild"),
@@ -146,14 +200,35 @@ def answer(**changes: Any) -> dict[str, Any]:
 def test_launcher_does_no_more_than_needed(stamp: Any, here: dict[str, Any] | None, exists: bool, todo: str) -> None:
     """A dictionary stands for a complete stamp with these differences."""
     if isinstance(stamp, dict):
-        stamp = {**bootstrap.wanted([3, 12, 1]), **stamp}
-    assert bootstrap.plan(stamp, here, exists) == todo
+        stamp = {**bootstrap.wanted([3, 12, 1], "run"), **stamp}
+    assert bootstrap.plan(stamp, here, exists, "run") == todo
+
+
+@pytest.mark.parametrize(
+    ("has", "asked", "todo"),
+    [
+        ("dev", "core", "nothing"),
+        ("dev", "run", "nothing"),
+        ("run", "core", "nothing"),
+        ("run", "dev", "packages"),
+        ("core", "run", "packages"),
+    ],
+)
+def test_launcher_leaves_an_environment_with_the_larger_set_alone(has: str, asked: str, todo: str) -> None:
+    assert bootstrap.plan(bootstrap.wanted([3, 12, 1], has), answer(), True, asked) == todo
+
+
+def test_launcher_asks_for_no_more_than_changed_when_the_tools_alone_have_new_versions() -> None:
+    stamp = bootstrap.wanted([3, 12, 1], "dev")
+    stamp["locks"]["dev"] = "other"
+    assert bootstrap.plan(stamp, answer(), True, "run") == "nothing"
+    assert bootstrap.plan(stamp, answer(), True, "dev") == "packages"
 
 
 @pytest.mark.parametrize("here", [None, answer(version=[3, 10, 0]), answer(pip=False)])
 def test_launcher_never_deletes_an_environment_made_by_hand(here: dict[str, Any] | None) -> None:
     with pytest.raises(bootstrap.Problem, match="Move it away"):
-        bootstrap.plan(None, here, True)
+        bootstrap.plan(None, here, True, "run")
 
 
 @pytest.mark.parametrize(
@@ -166,10 +241,9 @@ def test_launcher_never_deletes_an_environment_made_by_hand(here: dict[str, Any]
 def test_launcher_says_the_one_command_that_mends_it(
     monkeypatch: pytest.MonkeyPatch, found: list[dict[str, Any] | None], message: str
 ) -> None:
-    monkeypatch.setattr(bootstrap, "candidates", lambda: [[str(i)] for i in range(len(found))])
-    monkeypatch.setattr(bootstrap, "probe", lambda command: found[int(command[0])])
+    monkeypatch.setattr(bootstrap_python, "probe", lambda command: found[int(command[0])])
     with pytest.raises(bootstrap.Problem, match=message):
-        bootstrap.find_python()
+        bootstrap_python.find_python([str(i)] for i in range(len(found)))
 
 
 @pytest.mark.skipif(os.name == "nt", reason="scripts with a shebang")
@@ -183,25 +257,90 @@ def test_launcher_skips_a_python_that_does_not_run(tmp_path: Path) -> None:
     assert tuple(found["version"]) == sys.version_info[:3]
 
 
-def test_launcher_marks_an_environment_unfinished_until_it_is_complete(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+@pytest.fixture
+def launcher(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> list[list[str]]:
+    """The launcher with an environment of its own and a suitable Python; the list gets the commands that it calls."""
+    calls: list[list[str]] = []
     monkeypatch.setattr(bootstrap, "VENV", tmp_path / ".venv")
-    monkeypatch.setattr(bootstrap, "find_python", answer)
+    monkeypatch.setattr(bootstrap, "PYTHON", tmp_path / ".venv" / "python")
+    monkeypatch.setattr(bootstrap, "find_python", lambda commands: answer())
+    monkeypatch.setattr(bootstrap, "probe", lambda command: answer())
 
-    def interrupted(command: list[str], text: str) -> None:
-        raise KeyboardInterrupt
+    def call(command: list[str], text: str) -> None:
+        calls.append(command)
+        if "venv" in command:
+            bootstrap.PYTHON.touch()
 
+    monkeypatch.setattr(bootstrap, "call", call)
+    return calls
+
+
+def interrupted(command: list[str], text: str) -> None:
+    raise KeyboardInterrupt
+
+
+def test_launcher_marks_an_environment_unfinished_until_it_is_complete(
+    launcher: list[list[str]], monkeypatch: pytest.MonkeyPatch
+) -> None:
     monkeypatch.setattr(bootstrap, "call", interrupted)
     assert bootstrap.main([]) == 130
-    assert json.loads((tmp_path / ".venv" / "bootstrap.json").read_text()) == bootstrap.UNFINISHED
+    assert json.loads((bootstrap.VENV / "bootstrap.json").read_text()) == bootstrap.UNFINISHED
 
 
-def test_launcher_repeats_only_the_step_that_failed(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_launcher_installs_the_set_that_is_asked_for_and_once_only(
+    launcher: list[list[str]], capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert bootstrap.main([]) == 0
+    assert [Path(call[-1]).name for call in launcher if "--require-hashes" in call] == ["requirements.lock"]
+    assert bootstrap.main(["--dev"]) == 0
+    assert [Path(call[-1]).name for call in launcher if "--require-hashes" in call][1:] == ["requirements-dev.lock"]
+    said = [line for line in capsys.readouterr().out.splitlines() if line.startswith("Installing")]
+    run, dev = bootstrap.SETS["run"], bootstrap.SETS["dev"]
+    assert f"what running needs: at most {run.download_mb} MB to download, {run.disk_mb} MB in .venv" in said[0]
+    assert f"what testing needs: at most {dev.download_mb - run.download_mb} MB to download, " in said[1]
+    assert f", {dev.disk_mb - run.disk_mb} MB more in .venv" in said[1]
+    done = len(launcher)
+    for arguments in ([], ["--core"], ["--dev"]):
+        assert bootstrap.main(arguments) == 0
+    assert len(launcher) == done
+    assert capsys.readouterr().out == ""
+
+
+def test_launcher_keeps_what_running_needs_when_adding_the_tools_is_interrupted(
+    launcher: list[list[str]], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    assert bootstrap.main([]) == 0
+    with monkeypatch.context() as patched:
+        patched.setattr(bootstrap, "call", interrupted)
+        assert bootstrap.main(["--dev"]) == 130
+    assert bootstrap.plan(bootstrap.read_stamp(), answer(), True, "run") == "nothing"
+    assert bootstrap.plan(bootstrap.read_stamp(), answer(), True, "dev") == "rebuild"
+    assert bootstrap.main(["--dev"]) == 0
+    assert bootstrap.plan(bootstrap.read_stamp(), answer(), True, "dev") == "nothing"
+
+
+def test_launcher_rebuilds_when_replacing_packages_was_interrupted(
+    launcher: list[list[str]], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    assert bootstrap.main(["--dev"]) == 0
+    bootstrap.write_stamp({**bootstrap.read_stamp(), "locks": {"core": "old", "run": "old", "dev": "old"}})
+    monkeypatch.setattr(bootstrap, "call", interrupted)
+    assert bootstrap.main([]) == 130
+    assert bootstrap.read_stamp() == bootstrap.UNFINISHED
+
+
+def test_launcher_refuses_to_begin_what_the_disk_cannot_hold(
+    launcher: list[list[str]], monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setattr(bootstrap.shutil, "disk_usage", lambda path: SimpleNamespace(free=1_400_000_000))
+    assert bootstrap.main([]) == 1
+    assert "1400 MB are free" in capsys.readouterr().err
+    assert not launcher
+    assert bootstrap.main(["--core"]) == 0
+
+
+def test_launcher_repeats_only_the_step_that_failed(launcher: list[list[str]], monkeypatch: pytest.MonkeyPatch) -> None:
     """A broken pyproject.toml costs one more second, not all packages again."""
-    monkeypatch.setattr(bootstrap, "VENV", tmp_path / ".venv")
-    monkeypatch.setattr(bootstrap, "find_python", answer)
-    monkeypatch.setattr(bootstrap, "probe", lambda command: answer())
     texts: list[str] = []
 
     def call(command: list[str], text: str) -> None:
@@ -212,4 +351,4 @@ def test_launcher_repeats_only_the_step_that_failed(tmp_path: Path, monkeypatch:
     monkeypatch.setattr(bootstrap, "call", call)
     assert bootstrap.main([]) == 1
     assert len(texts) == 3
-    assert bootstrap.plan(bootstrap.read_stamp(), answer(), True) == "project"
+    assert bootstrap.plan(bootstrap.read_stamp(), answer(), True, "run") == "project"
