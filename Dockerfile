@@ -31,7 +31,7 @@ RUN CI=1 XDG_CONFIG_HOME=/opt/needlebench/etc XDG_DATA_HOME=/tmp/rerun /opt/need
 FROM python:3.12-slim
 LABEL org.opencontainers.image.title="needlebench" \
       org.opencontainers.image.description="Reproducible benchmarks for robotic needle steering in deforming tissue" \
-      org.opencontainers.image.licenses="Apache-2.0"
+      org.opencontainers.image.licenses="Apache-2.0 AND MIT"
 COPY --from=build /opt/needlebench /opt/needlebench
 RUN mkdir /data && chown 10001:10001 /data
 ENV PATH=/opt/needlebench/bin:$PATH \

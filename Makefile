@@ -36,7 +36,7 @@ env-dev:  ## the same with what testing needs
 check: env-dev  ## lint, formatting and types
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
-	$(BIN)/mypy simcore service benchmarks needlebench.py bootstrap.py bootstrap_python.py hatch_build.py
+	$(BIN)/mypy simcore service benchmarks needlebench bootstrap.py bootstrap_python.py hatch_build.py
 
 test: check  ## everything that a change must pass: lint, formatting, types and the tests
 	$(BIN)/python -m pytest $(ARGS)

@@ -8,8 +8,11 @@ import os
 import re
 import subprocess
 import sys
+import tarfile
 import tomllib
 import zipfile
+from collections.abc import Iterator
+from importlib.metadata import PackageNotFoundError, metadata
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -24,47 +27,106 @@ import bootstrap_python
 ROOT = Path(__file__).resolve().parent.parent
 PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))
 LOCKS = ("requirements-core.lock", "requirements.lock", "requirements-dev.lock")  # each holds the one before it
+PACKAGES = ("needlebench", "simcore", "service", "benchmarks")
+LEFT_OUT = ("benchmarks/results/", "benchmarks/pictures/")
 COMMIT = "0123456789abcdef0123456789abcdef01234567"
 
 
-# ---- the wheel
+# ---- wheel and source archive
 
 
-@pytest.fixture(scope="module")
-def wheel(tmp_path_factory: pytest.TempPathFactory) -> zipfile.ZipFile:
-    """The wheel of this checkout, built without a network."""
-    folder = tmp_path_factory.mktemp("wheel")
+def build(target: str, folder: Path, source: Path = ROOT) -> Path:
+    """What `python -m hatchling build` makes of `source`, without a network."""
     subprocess.run(
-        [sys.executable, "-m", "hatchling", "build", "--target", "wheel", "--directory", str(folder)],
-        cwd=ROOT,
+        [sys.executable, "-m", "hatchling", "build", "--target", target, "--directory", str(folder)],
+        cwd=source,
         env={**os.environ, "NEEDLEBENCH_COMMIT": COMMIT},
         check=True,
     )
-    (path,) = folder.glob("*.whl")
-    return zipfile.ZipFile(path)
+    (path,) = folder.iterdir()
+    return path
+
+
+@pytest.fixture(scope="module")
+def wheel(tmp_path_factory: pytest.TempPathFactory) -> Iterator[zipfile.ZipFile]:
+    """The wheel of this checkout."""
+    with zipfile.ZipFile(build("wheel", tmp_path_factory.mktemp("wheel"))) as archive:
+        yield archive
 
 
 def test_wheel_ships_every_file_of_the_packages_and_nothing_else(wheel: zipfile.ZipFile) -> None:
-    packages = ("simcore", "service", "benchmarks")
     here = {
         path.relative_to(ROOT).as_posix()
-        for package in packages
+        for package in PACKAGES
         for path in (ROOT / package).rglob("*")
         if path.is_file() and "__pycache__" not in path.parts
     }
+    expected = {name for name in here if not name.startswith(LEFT_OUT)} | {"simcore/_commit.txt"}
     shipped = {name for name in wheel.namelist() if ".dist-info/" not in name}
-    assert shipped == here | {"needlebench.py", "simcore/_commit.txt"}
+    assert shipped == expected
+    assert here - shipped, "results and pictures are in the checkout"
     assert any(name.startswith("service/migrations/") for name in shipped)
+    assert sum(item.compress_size for item in wheel.infolist()) < 1_500_000
 
 
-def test_wheel_has_command_licence_and_commit(wheel: zipfile.ZipFile) -> None:
-    metadata = {name.split("/", 1)[1]: name for name in wheel.namelist() if ".dist-info/" in name}
-    assert "needlebench = service.cli:main" in wheel.read(metadata["entry_points.txt"]).decode()
-    licence = wheel.read(metadata["licenses/LICENSE"]).decode()
-    assert licence == (ROOT / "LICENSE").read_text(encoding="utf-8")
+@pytest.mark.parametrize("package", PACKAGES)
+def test_each_package_says_that_it_is_typed(wheel: zipfile.ZipFile, package: str) -> None:
+    assert f"{package}/py.typed" in wheel.namelist()
+
+
+def test_wheel_has_command_licences_and_commit(wheel: zipfile.ZipFile) -> None:
+    files = {name.split("/", 1)[1]: name for name in wheel.namelist() if ".dist-info/" in name}
+    assert "needlebench = service.cli:main" in wheel.read(files["entry_points.txt"]).decode()
+    assert "License-Expression: Apache-2.0 AND MIT\n" in wheel.read(files["METADATA"]).decode()
+    for name in ("LICENSE", "NOTICE", "service/web/static/vendor/uplot/LICENSE"):
+        assert wheel.read(files[f"licenses/{name}"]) == (ROOT / name).read_bytes()
+    licence = (ROOT / "LICENSE").read_text(encoding="utf-8")
     assert "Apache License" in licence
     assert "END OF TERMS AND CONDITIONS" in licence
     assert wheel.read("simcore/_commit.txt").decode() == COMMIT + "\n"
+
+
+def test_the_source_archive_builds_the_same_wheel(wheel: zipfile.ZipFile, tmp_path: Path) -> None:
+    with tarfile.open(build("sdist", tmp_path / "sdist")) as archive:
+        archive.extractall(tmp_path / "source", filter="data")
+    (source,) = (tmp_path / "source").iterdir()
+    with zipfile.ZipFile(build("wheel", tmp_path / "again", source)) as again:
+        assert sorted(again.namelist()) == sorted(wheel.namelist())
+        assert all(again.read(name) == wheel.read(name) for name in wheel.namelist())
+    here = {path.relative_to(source).as_posix() for path in source.rglob("*") if path.is_file()}
+    assert {"SECURITY.md", "CHANGELOG.md", "CITATION.cff", "README.md", "PKG-INFO"} <= here
+    assert not {name for name in here if name.startswith((*LEFT_OUT, "tests/", "requirements"))}
+
+
+# ---- licences
+
+
+def test_notice_names_what_is_shipped_and_what_is_under_a_copyleft_licence() -> None:
+    notice = (ROOT / "NOTICE").read_text(encoding="utf-8")
+    copyleft = set()
+    for name in locked("requirements.lock"):
+        try:
+            about = metadata(name)
+        except PackageNotFoundError:  # of another platform
+            continue
+        said = [about.get("License-Expression"), (about.get("License") or "")[:100], *about.get_all("Classifier", [])]
+        if re.search(r"\b(A?L?GPL|MPL|EPL)|General Public|Mozilla", str([text for text in said if text])):
+            copyleft.add(name)
+    assert "pebble" in copyleft
+    assert {name for name in copyleft if name not in notice.lower()} == set()
+    vendored = (ROOT / "service/web/static/vendor/NOTICE").read_text(encoding="utf-8").split(",")[0]
+    assert vendored in notice
+    assert "This is research software and no medical device." in notice
+
+
+def test_committed_results_have_a_licence_of_their_own() -> None:
+    text = (ROOT / "benchmarks/results/LICENSE").read_text(encoding="utf-8")
+    for part in ("Creative Commons Attribution 4.0 International", "https://creativecommons.org/licenses/by/4.0/"):
+        assert part in text
+        assert part in (ROOT / "NOTICE").read_text(encoding="utf-8")
+
+
+# ---- the commit
 
 
 def test_commit_comes_from_git_when_nothing_else_is_said(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
