@@ -228,6 +228,40 @@ def test_packages_whose_insides_are_overridden_stay_at_the_version_that_was_trie
     assert not asked.specifier.contains(f"{major}.{minor - 1}.99")
 
 
+# ---- the hooks
+
+
+@pytest.fixture(scope="module")
+def hooks() -> list[dict[str, Any]]:
+    yaml = pytest.importorskip("yaml", reason="needs PyYAML, which comes with pre-commit")
+    (repository,) = yaml.safe_load((ROOT / ".pre-commit-config.yaml").read_text(encoding="utf-8"))["repos"]
+    assert repository["repo"] == "local", "a hook from elsewhere would be fetched"
+    found: list[dict[str, Any]] = repository["hooks"]
+    return found
+
+
+def test_hooks_are_programs_of_the_environment(hooks: list[dict[str, Any]]) -> None:
+    here = {path.stem for path in Path(sys.executable).parent.iterdir()}
+    for hook in hooks:
+        assert hook["language"] == "unsupported", "any other makes an environment, for which it fetches packages"
+        folder, _, program = hook["entry"].split()[0].rpartition("/")
+        assert folder == ".venv/bin"
+        assert program in here
+
+
+def test_hooks_run_what_make_check_runs(hooks: list[dict[str, Any]]) -> None:
+    """File names apart, which git hands to a hook."""
+    makefile = (ROOT / "Makefile").read_text(encoding="utf-8")
+    recipe = makefile.split("\ncheck:", 1)[1].split("\n\n", 1)[0]
+    checks = {
+        command.replace(" --check", "").removesuffix(" .")
+        for command in re.findall(r"^\t\$\(BIN\)/(.*)$", recipe, re.M)
+    }
+    run = {hook["entry"].replace(" --force-exclude", "").removeprefix(".venv/bin/") for hook in hooks}
+    assert len(checks) >= 3
+    assert checks <= run
+
+
 # ---- the launcher
 
 
