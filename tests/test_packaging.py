@@ -12,7 +12,7 @@ import tarfile
 import tomllib
 import zipfile
 from collections.abc import Iterator
-from importlib.metadata import PackageNotFoundError, metadata
+from importlib.metadata import PackageNotFoundError, metadata, packages_distributions
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -226,6 +226,65 @@ def test_packages_whose_insides_are_overridden_stay_at_the_version_that_was_trie
     assert asked.specifier.contains(f"{major}.{minor}.99")
     assert not asked.specifier.contains(f"{major}.{minor + 1}.0")
     assert not asked.specifier.contains(f"{major}.{minor - 1}.99")
+
+
+# ---- the core
+
+BLOCK = """
+import sys
+
+class Blocked:
+    def find_spec(self, name, path=None, target=None):
+        if name.split(".")[0] in {names!r}:
+            raise ModuleNotFoundError(f"{{name}} is not in the core", name=name)
+
+sys.meta_path.insert(0, Blocked())
+"""
+
+
+@pytest.fixture
+def core_environment(tmp_path: Path) -> dict[str, str]:
+    """Variables with which a Python and its children find no package but those of requirements-core.lock."""
+    beyond = locked("requirements-dev.lock").keys() - locked("requirements-core.lock").keys()
+    names = {
+        name
+        for name, homes in packages_distributions().items()
+        if {canonicalize_name(home) for home in homes} <= beyond
+    }
+    assert {"rerun", "pyarrow", "sqlalchemy", "alembic", "fastapi", "starlette", "uvicorn", "httpx2", "jinja2"} <= names
+    (tmp_path / "sitecustomize.py").write_text(BLOCK.format(names=names), encoding="utf-8")
+    return {**os.environ, "PYTHONPATH": os.pathsep.join([str(tmp_path), str(ROOT)])}
+
+
+def in_core(environment: dict[str, str], *arguments: object) -> subprocess.CompletedProcess[str]:
+    command = [sys.executable, "-m", "service.cli", *map(str, arguments)]
+    return subprocess.run(command, env=environment, capture_output=True, text=True, timeout=600, check=False)
+
+
+@pytest.mark.slow
+def test_an_insertion_without_a_recording_needs_the_core_alone(
+    core_environment: dict[str, str], tmp_path: Path
+) -> None:
+    settings = ["tissue.element_size_mm=12", "dt_s=0.05", "recording.enabled=false"]
+    changes = [word for setting in settings for word in ("--set", setting)]
+    done = in_core(core_environment, "run", "line", "--out", tmp_path / "line", *changes)
+    assert done.returncode in (0, 3), done.stderr
+    assert json.loads((tmp_path / "line" / "result.json").read_text())["status"] == "completed"
+    with_recording = in_core(core_environment, "run", "line", "--out", tmp_path / "other", *changes[:-2])
+    assert with_recording.returncode == 1, "the environment of this test holds more than the core"
+
+
+@pytest.mark.slow
+def test_training_insertions_in_several_processes_need_the_core_alone(
+    core_environment: dict[str, str], tmp_path: Path
+) -> None:
+    coarse = ["--set", "tissue.element_size_mm=12", "--set", "dt_s=0.05", "--insertions", 2, "--samples", 50]
+    data, model = tmp_path / "data.npz", tmp_path / "elm.json"
+    done = in_core(core_environment, "dataset", "--out", data, *coarse)
+    assert done.returncode == 0, done.stderr
+    done = in_core(core_environment, "train", "--data", data, "--kind", "elm", "--out", model)
+    assert done.returncode == 0, done.stderr
+    assert json.loads(model.read_text())
 
 
 # ---- the hooks
