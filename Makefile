@@ -44,8 +44,10 @@ test: check  ## everything that a change must pass: lint, formatting, types and 
 test-fast: check  ## the same without the slow tests
 	$(BIN)/python -m pytest -m "not slow" $(ARGS)
 
-test-long: env-dev  ## the tests that take too long for every change
-	$(BIN)/python -m pytest -m long $(ARGS)
+test-long: env-dev  ## the tests that take too long for every change, and which lines they reach
+	$(BIN)/python -m coverage run -m pytest -m long $(ARGS)
+	$(BIN)/python -m coverage combine --quiet
+	$(BIN)/python -m coverage report
 
 test-python:  ## the fast tests on another Python, in an environment of its own (PYTHON=python3.13)
 	@version="$$($(PYTHON) -c 'import sys; print("%d.%d" % sys.version_info[:2])')" && \
