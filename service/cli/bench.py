@@ -58,6 +58,13 @@ REGRESSION = 1
     type=click.Path(dir_okay=False, path_type=Path),
     help="Say what changed from report A to report B, and measure nothing.",
 )
+@click.option(
+    "--checkouts",
+    metavar="OLD NEW",
+    nargs=2,
+    type=click.Path(exists=True, file_okay=False, path_type=Path),
+    help="Run the same short timings in two checkouts of this project in turn; print the ratio pair by pair.",
+)
 def bench(
     names: tuple[str, ...],
     json_file: Path | None,
@@ -65,6 +72,7 @@ def bench(
     quick: bool,
     listed: bool,
     reports: tuple[Path, Path] | None,
+    checkouts: tuple[Path, Path] | None,
 ) -> None:
     """Measure how fast the simulator is, what it costs and what its results owe to the discretisation.
 
@@ -79,6 +87,12 @@ def bench(
     What changed:              needlebench bench --compare before.json after.json
     The convergence study:     needlebench bench convergence --out results/convergence
     Only whether it works:     needlebench bench micro --quick
+    Did my change cost time:   git worktree add ../before main
+                               needlebench bench --checkouts ../before .
+
+    Reports of different days also differ by what else the machine did. --checkouts compares in one run: fresh
+    processes in turn (old new, new old, ...), each with the code of one checkout and a kernel cache of its own that is
+    filled before; nine pairs, about five minutes. It decides nothing: the exit code is 0 whatever the ratio.
 
     \b
     Exit code: 0 done (a missed target is no error), or nothing got worse
@@ -88,6 +102,11 @@ def bench(
     one_thread()
     if reports is not None:
         click.get_current_context().exit(_compare(*reports))
+    if checkouts is not None:
+        if names:
+            raise ScenarioError([Problem("NAME", names[0], "goes with no --checkouts, which has timings of its own")])
+        _compare_checkouts(*checkouts, json_file=json_file, quick=quick)
+        return
     from benchmarks.registry import BENCHMARKS, chosen
 
     if listed:
@@ -298,3 +317,21 @@ def _compare(first: Path, second: Path) -> int:
     worse = regressions(changes)
     click.echo(f"{len(worse)} of {len(changes)} figures got worse" if worse else "nothing got worse")
     return REGRESSION if worse else 0
+
+
+def _compare_checkouts(old: Path, new: Path, *, json_file: Path | None, quick: bool) -> None:
+    """Run both, print the ratios, write every value."""
+    from benchmarks.bench_report import busy
+    from benchmarks.performance.checkouts import checkout_table, compare_checkouts
+    from simcore.rollout.artefacts import replace_atomically
+
+    if json_file is not None:
+        _writable(json_file.parent, "--json")
+    if warning := busy(_load()):
+        click.echo(f"needlebench: warning: {warning}", err=True)
+    with tempfile.TemporaryDirectory(prefix="needlebench-") as scratch, _progress() as say:
+        comparison = compare_checkouts(old, new, scratch=Path(scratch), say=say, quick=quick)
+    _print(checkout_table(comparison))
+    if json_file is not None:
+        replace_atomically(json_file, functools.partial(_fill, json.dumps(comparison.as_json(), indent=2) + "\n"))
+        click.echo(json_file)
