@@ -1,4 +1,4 @@
-"""What a benchmark hands back: figures with their spread and target, tables, and files to write."""
+"""What a benchmark returns: figures with their spread and target, tables, and files to write."""
 
 from __future__ import annotations
 
@@ -104,7 +104,7 @@ def figure(
     return Figure(key, unit, tuple(float(v) for v in values), better, target or TARGETS.get(key), note)
 
 
-def absent(key: str, unit: str, why: str) -> Figure:
+def missing_figure(key: str, unit: str, why: str) -> Figure:
     """A figure that could not be measured, and why."""
     return figure(key, unit, (), note=why)
 
@@ -127,7 +127,7 @@ class Table:
         lines = [
             f"| {' | '.join(self.columns)} |",
             f"|{'|'.join(' ---: ' if right else ' --- ' for right in numeric)}|",
-            *(f"| {' | '.join(shown(value) for value in row)} |" for row in self.rows),
+            *(f"| {' | '.join(cell_text(value) for value in row)} |" for row in self.rows),
         ]
         return "\n".join(lines) + "\n"
 
@@ -141,7 +141,7 @@ class Part:
     files: dict[str, str] = field(default_factory=dict)
 
 
-def shown(value: Any) -> str:
+def cell_text(value: Any) -> str:
     """A value for people: four significant digits, a dash for what there is not."""
     if value is None or (isinstance(value, float) and not np.isfinite(value)):
         return "-"

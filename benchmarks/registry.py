@@ -13,7 +13,7 @@ from benchmarks.performance.start_and_memory import memory, start
 from benchmarks.performance.step_profile import profile
 from benchmarks.performance.throughput import throughput
 from benchmarks.performance.whole_step import step
-from benchmarks.ports import Tools
+from benchmarks.ports import BenchPorts
 from benchmarks.studies.convergence import convergence
 from benchmarks.studies.forces import forces
 from simcore.errors import Problem, ScenarioError
@@ -23,7 +23,7 @@ from simcore.errors import Problem, ScenarioError
 class Benchmark:
     """A benchmark; studies are run only when they are named."""
 
-    run: Callable[[Tools], Part]
+    run: Callable[[BenchPorts], Part]
     text: str
     study: bool = False
 
@@ -42,7 +42,7 @@ BENCHMARKS = {
 }
 
 
-def chosen(names: Sequence[str]) -> list[str]:
+def select(names: Sequence[str]) -> list[str]:
     """The benchmarks asked for, each once; without a name all that measure time or memory. Raises ScenarioError."""
     unknown = [name for name in names if name not in BENCHMARKS]
     if unknown:
@@ -50,6 +50,6 @@ def chosen(names: Sequence[str]) -> list[str]:
     return list(dict.fromkeys(names)) or [name for name, benchmark in BENCHMARKS.items() if not benchmark.study]
 
 
-def run_suite(names: Sequence[str], tools: Tools) -> dict[str, Part]:
+def run_suite(names: Sequence[str], ports: BenchPorts) -> dict[str, Part]:
     """Each benchmark's part, in the order of the names."""
-    return {name: BENCHMARKS[name].run(tools) for name in names}
+    return {name: BENCHMARKS[name].run(ports) for name in names}

@@ -80,7 +80,7 @@ def judge(point: Point, before: Sequence[Point]) -> Judgement:
     return Judgement(accuracy, accuracy_why, success, success_why, time, time_why)
 
 
-def judged(points: Sequence[Point]) -> list[Judgement]:
+def judge_all(points: Sequence[Point]) -> list[Judgement]:
     """Every point of a history, oldest first, against those before it."""
     return [judge(point, points[:i]) for i, point in enumerate(points)]
 
@@ -95,9 +95,9 @@ class Loss:
     why: str
 
 
-def lasting(points: Sequence[Point]) -> list[Loss]:
+def lasting_losses(points: Sequence[Point]) -> list[Loss]:
     """The losses of a history, oldest first. A time is judged against many runs and needs no such look back."""
-    marks = judged(points)
+    marks = judge_all(points)
     found = []
     for figure in ("accuracy", "success"):
         for i, mark in enumerate(marks):

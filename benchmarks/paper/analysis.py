@@ -9,9 +9,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from benchmarks.paper import statistics
-from benchmarks.paper.comparison import Comparison, compare, paired
+from benchmarks.paper.comparison import Comparison, compare, pair_rows
 from benchmarks.paper.statistics import FLOOR_MM, Interval, bootstrap_median, wilson
-from benchmarks.paper.table import REFERENCES, Row, arms, grouped, main_rows, only
+from benchmarks.paper.table import REFERENCES, Row, arms, by_group, main_rows, only
 
 CLOSE_MM = 1.0  # an insertion whose error never exceeds it
 RATIO_TARGET = 0.4  # of the open-loop RMSE on curved paths [ours]
@@ -98,7 +98,7 @@ def scores(table: Sequence[Row]) -> list[Score]:
     found = []
     main = main_rows(table)
     for condition in conditions(main):
-        for group, members in grouped(under(main, condition)).items():
+        for group, members in by_group(under(main, condition)).items():
             wanted = {row.group for row in members}
             for arm in arms(members):
                 mine = only(members, arm=arm)
@@ -114,7 +114,7 @@ def score(mine: Sequence[Row], open_loop: Sequence[Row], *, group: str) -> Score
     clusters = [row.end_point for row in mine]
     count, stable, success = len(mine), sum(row.stable for row in mine), sum(row.success for row in mine)
     close = int((worst <= CLOSE_MM).sum())
-    matched = paired(mine, open_loop)
+    matched = pair_rows(mine, open_loop)
     ratio = statistics.ratios(matched.first, matched.second)
     aimed = group == "CUR" and mine[0].arm in STEERED and len(ratio) > 0
     limited = [
@@ -176,7 +176,7 @@ def box(errors: statistics.Vector) -> Box | None:
     return Box(q1, median, q3, low, high, tuple(float(v) for v in beyond))
 
 
-def floored(members: Sequence[Row]) -> bool | None:
+def at_floor(members: Sequence[Row]) -> bool | None:
     """Whether every controller without feedback scores below the floor; None if none of them ran."""
     medians = [statistics.middle([row.rmse_mm for row in only(members, arm=arm)]) for arm in REFERENCES]
     known = [median for median in medians if not math.isnan(median)]
@@ -201,8 +201,8 @@ def controller_contrasts(table: Sequence[Row]) -> list[Contrast]:
     found = []
     main = main_rows(table)
     for condition in conditions(main):
-        for group, members in grouped(under(main, condition)).items():
-            floor = floored(members)
+        for group, members in by_group(under(main, condition)).items():
+            floor = at_floor(members)
             for first, second in _couples(arms(members)):
                 names = (first, second)
                 compared = compare(
@@ -241,7 +241,7 @@ def young_contrasts(table: Sequence[Row]) -> list[Contrast]:
         mine = only(main, arm=arm)
         fixed, changing = only(mine, young="constant"), only(mine, young="variable")
         shared = {row.pair for row in fixed} & {row.pair for row in changing}
-        for group, members in grouped([row for row in mine if row.pair in shared]).items():
+        for group, members in by_group([row for row in mine if row.pair in shared]).items():
             names = ("constant", "variable")
             compared = compare(
                 only(members, young="constant"), only(members, young="variable"), group=group, names=names

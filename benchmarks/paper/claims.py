@@ -17,9 +17,7 @@ from benchmarks.paper.analysis import PRIMARY, Contrast, Score, under
 from benchmarks.paper.comparison import Comparison
 from benchmarks.paper.failure_places import border_mm
 from benchmarks.paper.learning_studies import SeedShare
-from benchmarks.paper.number_text import effect as effect_size
-from benchmarks.paper.number_text import millimetres, p_value, signed
-from benchmarks.paper.number_text import share as share_of
+from benchmarks.paper.number_text import effect_text, millimetres, p_value, share_text, signed_text
 from benchmarks.paper.table import ALL, GROUPS, Row, arm_name, main_rows
 from benchmarks.paper.timing import PAPER_REDUCTIONS, Saving
 
@@ -89,7 +87,7 @@ def claims(findings: Findings) -> list[Claim]:
         *(time_saved(findings, name, share) for name, share in PAPER_REDUCTIONS.items()),
     ]
     coarse = coarseness(findings.rows)
-    return [_undecided(claim, coarse) for claim in found] if coarse else found
+    return [_mark_undecided(claim, coarse) for claim in found] if coarse else found
 
 
 def coarseness(table: Sequence[Row]) -> str:
@@ -102,7 +100,7 @@ def coarseness(table: Sequence[Row]) -> str:
     return " and ".join(mesh + steps)
 
 
-def _undecided(claim: Claim, coarse: str) -> Claim:
+def _mark_undecided(claim: Claim, coarse: str) -> Claim:
     return replace(claim, verdict=NOT_TESTABLE, reason=f"{claim.reason}; {coarse}: too coarse to decide")
 
 
@@ -111,7 +109,7 @@ def stability(findings: Findings) -> Claim:
     text, source = "All insertions are stable, S = 100 %, with both controllers on LIN and CUR", "results"
     found = [(group, arm, findings.score(group, arm)) for group in ("LIN", "CUR") for arm in BOTH]
     known = [score for _, _, score in found if score]
-    figure = "; ".join(f"{s.group} {arm_name(s.arm)} {share_of(s.stable, s.stable_interval)}" for s in known)
+    figure = "; ".join(f"{s.group} {arm_name(s.arm)} {share_text(s.stable, s.stable_interval)}" for s in known)
     if len(known) < len(found):
         lacking = ", ".join(f"{arm_name(arm)} on {group}" for group, arm, score in found if not score)
         return Claim("stability", text, source, NOT_TESTABLE, figure, "", None, "", f"not run: {lacking}")
@@ -152,7 +150,7 @@ def direction(findings: Findings, key: str, text: str, group: str, better: str) 
     verdict, reason = _direction_verdict(found, holds)
     notes = [reason, *_seeds(findings, group, better), *_noise(findings, group), *_directions(findings, group)]
     effect = (
-        f"rank-biserial {effect_size(found.rank_biserial)}; "
+        f"rank-biserial {effect_text(found.rank_biserial)}; "
         f"I-FEM is the better in {100 * found.superiority:.0f} % of pairs; "
         f"the paper’s tests over all {found.pairs} pairs: sign p = {p_value(found.p_sign)}, "
         f"Mann-Whitney p = {p_value(found.p_mann_whitney)}"
@@ -232,9 +230,9 @@ def variable_stability(findings: Findings) -> Claim:
     score = next((s for g in (ALL, "LIN", "CUR") if (s := findings.score(g, "elm", young="variable"))), None)
     if not score:
         return Claim("variable", text, source, NOT_TESTABLE, "", "", None, "", "no ELM ran at variable Young’s modulus")
-    figure = f"S = {share_of(score.stable, score.stable_interval)} of {score.insertions}"
+    figure = f"S = {share_text(score.stable, score.stable_interval)} of {score.insertions}"
     if nominal := findings.score(score.group, "elm"):
-        figure += f"; at constant Young’s modulus {share_of(nominal.stable, nominal.stable_interval)}"
+        figure += f"; at constant Young’s modulus {share_text(nominal.stable, nominal.stable_interval)}"
     mine = [row for row in main_rows(findings.rows) if (row.arm, row.young) == ("elm", "variable")]
     failed = [border_mm(row) for row in mine if row.failed]
     rest = [border_mm(row) for row in mine if row.stable]
@@ -278,7 +276,7 @@ def no_difference(findings: Findings) -> Claim:
         verdict, reason = REPRODUCED, f"none found, though not shown to be smaller than {margin}; {paired}"
     else:
         verdict, reason = NOT_TESTABLE, f"none found, but {found.clusters} end points are too few; {paired}"
-    effect = f"Cliff’s delta {effect_size(found.cliffs_delta)}"
+    effect = f"Cliff’s delta {effect_text(found.cliffs_delta)}"
     return Claim("young", text, source, verdict, figure, test, found.p_mann_whitney, effect, reason)
 
 
@@ -295,7 +293,7 @@ def time_saved(findings: Findings, where: str, share: float) -> Claim:
         return Claim(key, text, where, NOT_TESTABLE, "", "", None, "", "no timing pass with I-FEM and ELM")
     alone = {s.way: s for s in findings.savings if s.part == "controller"}
     figure = "; ".join(
-        f"{s.way}: whole step {share_of(s.saved, s.saved_interval)} shorter"
+        f"{s.way}: whole step {share_text(s.saved, s.saved_interval)} shorter"
         + (f", Jacobian and command alone {100 * alone[s.way].saved:.1f} %" if s.way in alone else "")
         for s in total
     )
@@ -322,4 +320,4 @@ def _saving_verdict(total: Sequence[Saving], share: float) -> tuple[str, str]:
 
 def _change(found: Comparison) -> str:
     low, high = found.difference_interval_mm.low, found.difference_interval_mm.high
-    return f"{signed(found.difference_mm)} mm [{signed(low)}, {signed(high)}]"
+    return f"{signed_text(found.difference_mm)} mm [{signed_text(low)}, {signed_text(high)}]"

@@ -70,7 +70,7 @@ def border_mm(row: Row) -> float:
     return min(x, face[0] - x, y, face[1] - y)
 
 
-def chosen(table: Sequence[Row], *, failed: int = 5) -> list[tuple[str, str]]:
+def notable_cases(table: Sequence[Row], *, failed: int = 5) -> list[tuple[str, str]]:
     """(id, why) of the cases worth a recording: best, median and worst stable insertion of each controller in each
     group under each condition, and the first that failed or lost their target; no id twice."""
     found: dict[str, str] = {}
@@ -85,10 +85,10 @@ def chosen(table: Sequence[Row], *, failed: int = 5) -> list[tuple[str, str]]:
                 for why, place in picks:
                     found.setdefault(good[place].id, why)
                 for row in [row for row in ranked if not row.success][:failed]:
-                    found.setdefault(row.id, unsuccessful(row))
+                    found.setdefault(row.id, outcome_word(row))
     return list(found.items())
 
 
-def unsuccessful(row: Row) -> str:
+def outcome_word(row: Row) -> str:
     """In a word: the run ended early, or the tip was off the target for too long; empty for a success."""
     return "failed" if row.failed else "" if row.success else "lost"

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 
 from benchmarks.paper import statistics
 from benchmarks.paper.analysis import PRIMARY, under
-from benchmarks.paper.comparison import compare, paired
+from benchmarks.paper.comparison import compare, pair_rows
 from benchmarks.paper.table import Row, groups, main_rows, only
 
 # ---- seeds
@@ -36,7 +36,7 @@ def seed_scores(table: Sequence[Row]) -> list[SeedScore]:
         mine = [row for row in seeded if row.labels["model_seed"] == seed]
         for group in groups(mine):
             own = only(mine, group=group)
-            matched = paired(own, only(reference, group=group))
+            matched = pair_rows(own, only(reference, group=group))
             change = statistics.differences(matched.first, matched.second)
             medians = statistics.cluster_medians(change, matched.clusters)
             errors = [row.rmse_mm for row in own]

@@ -25,7 +25,7 @@ from benchmarks.paper.analysis import (
 )
 from benchmarks.paper.claims import Findings, claims
 from benchmarks.paper.comparison import as_json
-from benchmarks.paper.failure_places import chosen, face_mm, spots, unsuccessful
+from benchmarks.paper.failure_places import face_mm, notable_cases, outcome_word, spots
 from benchmarks.paper.figures import conditions, headline
 from benchmarks.paper.learning_studies import LearningPoint, learning_steps, seed_scores, seed_shares, variants
 from benchmarks.paper.page import html
@@ -79,7 +79,7 @@ def document(
         "learning": learning_steps(learning),
         "sensitivity": variants(table),
         "timing": {"costs": costs(timed), "savings": found.savings, "paper": PAPER_REDUCTIONS},
-        "recordings": chosen_insertions(table, recordings or {}),
+        "recordings": notable_insertions(table, recordings or {}),
     }
     result: Json = as_json(content)
     return result
@@ -122,11 +122,11 @@ def _seed_boxes(seeds: Sequence[Any]) -> Json:
     return {g: box(np.array([score.median_mm for score in seeds if score.group == g])) for g in groups}
 
 
-def chosen_insertions(table: Sequence[Row], links: Mapping[str, str]) -> list[Json]:
+def notable_insertions(table: Sequence[Row], links: Mapping[str, str]) -> list[Json]:
     """Best, median and worst cases and failures, each with its link if it has one, then all others that have one."""
     known = {row.id: row for row in table}
-    reasons = dict(chosen(table))
-    reasons |= {name: unsuccessful(known[name]) or "another" for name in sorted(links.keys() & known.keys() - reasons)}
+    reasons = dict(notable_cases(table))
+    reasons |= {name: outcome_word(known[name]) or "another" for name in sorted(links.keys() & known.keys() - reasons)}
     found = []
     for case_id, why in reasons.items():
         row = known[case_id]

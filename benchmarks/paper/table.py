@@ -167,7 +167,7 @@ def groups(table: Iterable[Row]) -> list[str]:
     return [name for name in GROUPS if name in found] + sorted(found - set(GROUPS))
 
 
-def grouped(table: Sequence[Row]) -> dict[str, list[Row]]:
+def by_group(table: Sequence[Row]) -> dict[str, list[Row]]:
     """Rows by group; with two groups or more also all of them together."""
     found = {name: only(table, group=name) for name in groups(table)}
     if len(found) > 1:
@@ -190,21 +190,21 @@ def insertions_csv(table: Sequence[Row]) -> str:
             [
                 row.id,
                 *(row.labels.get(name, "") for name in labels),
-                _filled(row.scenario.get("tissue", {}).get("young_kpa")),
-                *(_filled(value) for value in (*row.entry_mm, *row.end_mm)),
-                *(row.status, row.message, _word(row.stable), _word(row.success)),
-                *(_filled(row.metrics.get(name)) for name in (*counts, *MEASURED)),
-                *(_filled(row.timing_ms[name]) for name in (*TIMED, "mean_step")),
+                _cell(row.scenario.get("tissue", {}).get("young_kpa")),
+                *(_cell(value) for value in (*row.entry_mm, *row.end_mm)),
+                *(row.status, row.message, _yes_no(row.stable), _yes_no(row.success)),
+                *(_cell(row.metrics.get(name)) for name in (*counts, *MEASURED)),
+                *(_cell(row.timing_ms[name]) for name in (*TIMED, "mean_step")),
                 row.digest,
             ]
         )
     return text.getvalue()
 
 
-def _filled(value: Any) -> Any:
+def _cell(value: Any) -> Any:
     """Empty for what there is not."""
     return "" if value is None or (isinstance(value, float) and not math.isfinite(value)) else value
 
 
-def _word(yes: bool) -> str:
+def _yes_no(yes: bool) -> str:
     return "yes" if yes else "no"

@@ -32,7 +32,7 @@ class Spread:
 
 
 @dataclass(frozen=True)
-class Cost:
+class StepTimes:
     """What a step costs under one controller. plant: the simulation; jacobian: its linearisation, which I-FEM needs;
     command: the controller; total: their sum; mean_step: wall time of the loop by steps, series included."""
 
@@ -74,7 +74,7 @@ def part_ms(row: Row, part: str) -> float:
     return math.nan if any(value is None for value in values) else math.fsum(v for v in values if v is not None)
 
 
-def costs(table: Sequence[Row]) -> list[Cost]:
+def costs(table: Sequence[Row]) -> list[StepTimes]:
     """One row a way, I-FEM first; insertions that failed have no place in a time."""
     found = []
     ways: dict[str, list[Row]] = {}
@@ -84,7 +84,7 @@ def costs(table: Sequence[Row]) -> list[Cost]:
     for way in sorted(ways, key=lambda way: (not way.startswith(arm_name("ifem")), way)):
         mine = ways[way]
         parts = (_spread(mine, part) for part in ("plant", "jacobian", "command", "total", "mean_step"))
-        found.append(Cost(way, mine[0].arm, len(mine), *parts))
+        found.append(StepTimes(way, mine[0].arm, len(mine), *parts))
     return found
 
 

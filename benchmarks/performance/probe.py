@@ -25,12 +25,12 @@ if TYPE_CHECKING:
 FIRST = "step"
 
 
-class ProbeFailed(RuntimeError):
+class ProbeError(RuntimeError):
     """The process under observation did not do what it was asked."""
 
 
 @dataclass(frozen=True)
-class Probed:
+class ProbeResult:
     """first_step_s: from just before the process was made to its first finished step. peak_mb: 10^6 bytes, or None."""
 
     first_step_s: float
@@ -46,7 +46,7 @@ def probe(
     first_step_only: bool = False,
     environment: dict[str, str] | None = None,
     clock: Callable[[], float] = time.perf_counter,
-) -> Probed:
+) -> ProbeResult:
     """Run a scenario (JSON data) with a recorder in a new process. Raises ProbeFailed."""
     asked = {
         "scenario": scenario,
@@ -71,8 +71,8 @@ def probe(
         first_step_s = clock() - started
         rest = child.stdout.read()
     if line != FIRST or child.returncode != 0:
-        raise ProbeFailed(f"the process ended with exit code {child.returncode}, its output begins with {line!r}")
-    return Probed(first_step_s, **json.loads(rest))
+        raise ProbeError(f"the process ended with exit code {child.returncode}, its output begins with {line!r}")
+    return ProbeResult(first_step_s, **json.loads(rest))
 
 
 class _FirstStep:
@@ -88,14 +88,14 @@ class _FirstStep:
         if record.step == 1:
             print(FIRST, flush=True)
             if self.first_step_only:
-                raise _EnoughSeen
+                raise _StopRunError
         self.inner.step(record)
 
     def end(self, rollout: Rollout) -> None:
         self.inner.end(rollout)
 
 
-class _EnoughSeen(Exception):
+class _StopRunError(Exception):
     """Ends the run after its first step."""
 
 
@@ -112,7 +112,7 @@ def main() -> None:
     try:
         with recorder(Path(asked["recording"])) as observer:
             status = str(run(scenario, _FirstStep(observer, asked["first_step_only"])).status)
-    except _EnoughSeen:
+    except _StopRunError:
         pass
     print(json.dumps({"peak_mb": peak_mb(), "status": status}))
 

@@ -8,7 +8,7 @@ from collections.abc import Sequence
 from dataclasses import astuple, dataclass, fields
 
 from benchmarks.measurements import Figure, Part, Table, figure
-from benchmarks.observed_run import Observed
+from benchmarks.observed_run import ObservedRun
 from benchmarks.svg_plot import Line, Panel, svg
 from simcore.scenario.scenario import Scenario
 
@@ -57,10 +57,10 @@ class Row:
 
 def study_part(
     base: Scenario,
-    led: Observed,
+    led: ObservedRun,
     sweeps: Sequence[tuple[str, str, bool, bool]],
     rows: list[Row],
-    depth_runs: dict[str, Observed],
+    depth_runs: dict[str, ObservedRun],
 ) -> Part:
     """Everything that is written. sweeps: name, label of the axis, logarithmic, named values."""
     tables = [_table(name, [row for row in rows if row.sweep == name]) for name, *_ in sweeps]
@@ -106,7 +106,7 @@ def _label(row: Row) -> str:
     return f"{row.variant} ({', '.join(marks)})" if marks else row.variant
 
 
-def _markdown(base: Scenario, led: Observed, tables: list[Table]) -> str:
+def _markdown(base: Scenario, led: ObservedRun, tables: list[Table]) -> str:
     rmse = led.metrics["rmse_mm"]
     head = [
         "# Convergence",
@@ -158,7 +158,7 @@ def _picture(sweeps: Sequence[tuple[str, str, bool, bool]], rows: list[Row]) -> 
     return svg(grid, title="The same base poses, another discretisation", width=1280, height=250)
 
 
-def _depth_picture(base: Scenario, runs: dict[str, Observed]) -> str:
+def _depth_picture(base: Scenario, runs: dict[str, ObservedRun]) -> str:
     speed = base.trajectory.speed_mm_s
     panels = []
     for name, title in (

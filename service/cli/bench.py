@@ -25,7 +25,7 @@ from simcore.errors import NeedlebenchError, Problem, ScenarioError
 
 if TYPE_CHECKING:
     from benchmarks.measurements import Table
-    from benchmarks.observed_run import Observed
+    from benchmarks.observed_run import ObservedRun
     from service.recording.observer import RerunObserver
     from service.worker import process as pool
     from simcore.scenario.scenario import Scenario
@@ -107,13 +107,13 @@ def bench(
             raise ScenarioError([Problem("NAME", names[0], "goes with no --checkouts, which has timings of its own")])
         _compare_checkouts(*checkouts, json_file=json_file, quick=quick)
         return
-    from benchmarks.registry import BENCHMARKS, chosen
+    from benchmarks.registry import BENCHMARKS, select
 
     if listed:
         for name, benchmark in BENCHMARKS.items():
             click.echo(f"{name:<13}{benchmark.text}{' (when named)' if benchmark.study else ''}")
         return
-    _measure(chosen(names), json_file, folder, quick)
+    _measure(select(names), json_file, folder, quick)
 
 
 def _measure(names: list[str], json_file: Path | None, folder: Path, quick: bool) -> None:
@@ -122,7 +122,7 @@ def _measure(names: list[str], json_file: Path | None, folder: Path, quick: bool
 
     from benchmarks.bench_report import busy, document
     from benchmarks.measurements import figure_table
-    from benchmarks.ports import Tools
+    from benchmarks.ports import BenchPorts
     from benchmarks.registry import run_suite
     from simcore.rollout.artefacts import replace_atomically
 
@@ -134,7 +134,7 @@ def _measure(names: list[str], json_file: Path | None, folder: Path, quick: bool
         click.echo(f"needlebench: warning: {warning}", err=True)
     date = datetime.now(UTC).isoformat(timespec="seconds")
     with tempfile.TemporaryDirectory(prefix="needlebench-") as scratch, _progress() as say, threadpool_limits(1):
-        tools = Tools(
+        ports = BenchPorts(
             say=say,
             recorder=recorder,
             recorder_name="service.cli.bench:recorder",
@@ -142,7 +142,7 @@ def _measure(names: list[str], json_file: Path | None, folder: Path, quick: bool
             folder=Path(scratch),
             quick=quick,
         )
-        parts = run_suite(names, tools)
+        parts = run_suite(names, ports)
     report = document(parts, date=date, quick=quick, load_before=before, load_after=_load())
     for table in (figure_table(parts), *(table for part in parts.values() for table in part.tables)):
         _print(table)
@@ -237,12 +237,12 @@ class Crew:
             shutil.rmtree(folder, ignore_errors=True)
         return elapsed
 
-    def run_many(self, scenarios: Sequence[Scenario]) -> list[Observed]:
+    def run_many(self, scenarios: Sequence[Scenario]) -> list[ObservedRun]:
         """Each worker takes the next scenario that nobody has."""
         from benchmarks.observed_run import JOB, load
 
         waiting = iter(enumerate(scenarios))
-        results: dict[int, Observed] = {}
+        results: dict[int, ObservedRun] = {}
         turn = threading.Lock()
 
         def work(workman: pool.Worker) -> None:
@@ -286,7 +286,7 @@ def _print(table: Table) -> None:
     from rich.markup import escape
     from rich.table import Table as Grid
 
-    from benchmarks.measurements import shown
+    from benchmarks.measurements import cell_text
 
     console = Console(highlight=False, width=None if sys.stdout.isatty() else WIDTH)
     if table.title:
@@ -296,7 +296,7 @@ def _print(table: Table) -> None:
         text = all(isinstance(row[i], str) for row in table.rows)
         grid.add_column(column, justify="left" if text else "right", overflow="fold", no_wrap=i == 0)
     for row in table.rows:
-        cells = [escape(shown(value)) for value in row]
+        cells = [escape(cell_text(value)) for value in row]
         grid.add_row(*(f"[{COLOURS[cell]}]{cell}[/]" if cell in COLOURS else cell for cell in cells))
     console.print(grid, "")
 

@@ -14,10 +14,10 @@ from benchmarks.cases import Case, Outcome
 from benchmarks.paper.analysis import box, controller_contrasts, direction_contrasts, scores, young_contrasts
 from benchmarks.paper.claims import CONTRADICTED, NOT_TESTABLE, REPRODUCED, Claim, Findings, claims
 from benchmarks.paper.comparison import as_json, compare
-from benchmarks.paper.failure_places import border_mm, chosen, face_mm, spots
+from benchmarks.paper.failure_places import border_mm, face_mm, notable_cases, spots
 from benchmarks.paper.learning_studies import LearningPoint, learning_steps, seed_scores, seed_shares, variants
 from benchmarks.paper.statistics import Interval
-from benchmarks.paper.table import Row, grouped, insertions_csv, only, rows
+from benchmarks.paper.table import Row, by_group, insertions_csv, only, rows
 from benchmarks.paper.timing import costs, savings
 from tests.benchmarks.paper.synthetic import (
     MEDIANS_MM,
@@ -213,7 +213,7 @@ def test_nothing_at_all_breaks_nothing() -> None:
     found = verdicts([])
     assert {claim.verdict for claim in found.values()} == {NOT_TESTABLE}
     assert all(claim.reason for claim in found.values())
-    assert not chosen([])
+    assert not notable_cases([])
     assert not spots([])
     assert not variants([])
     assert not costs([])
@@ -420,7 +420,7 @@ def test_spots_count_failures_by_end_point() -> None:
 
 def test_chosen_cases_are_best_median_worst_and_failed() -> None:
     table = rows(pair("CUR", [0.3, 0.1, math.inf, 0.2, 0.5], []))
-    assert chosen(table) == [
+    assert notable_cases(table) == [
         ("CUR-001-ifem", "best"),
         ("CUR-000-ifem", "median"),
         ("CUR-004-ifem", "worst"),
@@ -434,7 +434,7 @@ def test_not_finite_becomes_null() -> None:
 
 def test_groups_other_than_the_papers_are_welcome() -> None:
     table: list[Row] = rows([outcome(str(i), 0.1, {"group": name}) for i, name in enumerate(("soft", "LIN", "DATA"))])
-    assert list(grouped(table)) == ["LIN", "soft", "ALL"]
+    assert list(by_group(table)) == ["LIN", "soft", "ALL"]
 
 
 def test_medians_of_the_synthetic_experiments() -> None:
