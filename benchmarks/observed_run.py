@@ -39,10 +39,12 @@ class EntryForce:
         self.force_n: list[float] = []
 
     def begin(self, scene: Scene, first: StepRecord) -> None:
+        """Note the entry."""
         self.entry_m = scene.entry_m
         self.step(first)
 
     def step(self, record: StepRecord) -> None:
+        """Append the force of this step; 0 as long as nothing is inserted."""
         if not len(record.points_m):
             self.force_n.append(0.0)
             return
@@ -50,7 +52,7 @@ class EntryForce:
         self.force_n.append(float(np.linalg.norm(lateral_forces(record)[nearest])))
 
     def end(self, rollout: Rollout) -> None:
-        pass
+        """Nothing is left to do."""
 
 
 def observe(scenario: Scenario) -> ObservedRun:

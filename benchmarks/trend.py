@@ -98,15 +98,15 @@ class Loss:
 def lasting_losses(points: Sequence[Point]) -> list[Loss]:
     """The losses of a history, oldest first. A time is judged against many runs and needs no such look back."""
     marks = judge_all(points)
-    found = []
+    losses = []
     for figure in ("accuracy", "success"):
         for i, mark in enumerate(marks):
             if getattr(mark, figure) is Mark.WORSE:
                 now = judge(points[-1], [points[i - 1]])
                 if getattr(now, figure) is Mark.WORSE:
-                    found.append(Loss(figure, i, getattr(now, f"{figure}_why")))
+                    losses.append(Loss(figure, i, getattr(now, f"{figure}_why")))
                     break
-    return found
+    return losses
 
 
 def _accuracy(point: Point, last: Point | None) -> tuple[Mark, str]:

@@ -94,16 +94,16 @@ def _effect(table: Sequence[Row], path: str, axes: Axes) -> Json | None:
     present = [value for value in map(str, axes[path]) if any(row.group == value for row in moved)]
     if path == REPEATS or len(present) < 2:
         return None
-    found = []
+    scores_by_value = []
     for value in present:
         members = only(moved, group=value)
         open_loop = [] if path == CONTROLLER else only(members, arm="open_loop")
-        found += [score(only(members, arm=arm), open_loop, group=value) for arm in arms(members)]
+        scores_by_value += [score(only(members, arm=arm), open_loop, group=value) for arm in arms(members)]
     return {
         "field": path,
         "values": present,
         "numeric": all(isinstance(value, int | float) for value in axes[path]),
-        "scores": found,
+        "scores": scores_by_value,
         "contrasts": [c for first, second in _couples(present) for c in _contrasts(moved, first, second, path)],
     }
 
@@ -125,9 +125,9 @@ def _contrasts(moved: Sequence[Row], first: str, second: str, path: str) -> list
     """Two values of a field for each controller; two controllers over everything."""
     members = [[replace(row, group="") for row in only(moved, group=value)] for value in (first, second)]
     names = [""] if path == CONTROLLER else [arm for arm in arms(members[0]) if arm in arms(members[1])]
-    found = []
+    comparisons = []
     for arm in names:
         one, other = (only(rows, arm=arm) if arm else rows for rows in members)
         if compared := compare(one, other, group=arm, names=(first, second)):
-            found.append(as_json(compared))
-    return found
+            comparisons.append(as_json(compared))
+    return comparisons

@@ -80,8 +80,8 @@ PRIMARY = Condition("constant", "off")
 
 def conditions(table: Sequence[Row]) -> list[Condition]:
     """Conditions that occur, the primary one first."""
-    found = {Condition(row.young, row.noise) for row in table}
-    return sorted(found, key=lambda c: (c.young != PRIMARY.young, c.noise != PRIMARY.noise, c.young, c.noise))
+    present = {Condition(row.young, row.noise) for row in table}
+    return sorted(present, key=lambda c: (c.young != PRIMARY.young, c.noise != PRIMARY.noise, c.young, c.noise))
 
 
 def under(table: Sequence[Row], condition: Condition) -> list[Row]:
@@ -95,7 +95,7 @@ def under(table: Sequence[Row], condition: Condition) -> list[Row]:
 def scores(table: Sequence[Row]) -> list[Score]:
     """Condition by condition, group by group, controller by controller. Of several groups together (`ALL`) only the
     controllers that ran in all of them have a score."""
-    found = []
+    result = []
     main = main_rows(table)
     for condition in conditions(main):
         for group, members in by_group(under(main, condition)).items():
@@ -103,8 +103,8 @@ def scores(table: Sequence[Row]) -> list[Score]:
             for arm in arms(members):
                 mine = only(members, arm=arm)
                 if {row.group for row in mine} == wanted:
-                    found.append(score(mine, only(members, arm="open_loop"), group=group))
-    return found
+                    result.append(score(mine, only(members, arm="open_loop"), group=group))
+    return result
 
 
 def score(mine: Sequence[Row], open_loop: Sequence[Row], *, group: str) -> Score:
@@ -198,7 +198,7 @@ class Contrast:
 
 def controller_contrasts(table: Sequence[Row]) -> list[Contrast]:
     """I-FEM against ELM in every group and condition, then each of the two against every other controller."""
-    found = []
+    contrasts = []
     main = main_rows(table)
     for condition in conditions(main):
         for group, members in by_group(under(main, condition)).items():
@@ -209,21 +209,21 @@ def controller_contrasts(table: Sequence[Row]) -> list[Contrast]:
                     only(members, arm=first), only(members, arm=second), group=group, names=names, floor=floor
                 )
                 if compared:
-                    found.append(Contrast(condition.young, condition.noise, "arm", compared))
-    return found
+                    contrasts.append(Contrast(condition.young, condition.noise, "arm", compared))
+    return contrasts
 
 
 def direction_contrasts(table: Sequence[Row]) -> list[Contrast]:
     """I-FEM against ELM along the curved paths of one direction at a time, which `varied` names: the four to an end
     point differ in how close to a held face they lead. Under the primary condition; nothing of a single direction."""
     curved = [row for row in under(main_rows(table), PRIMARY) if row.direction and row.arm in STEERED]
-    found = []
+    contrasts = []
     for direction in sorted({row.direction for row in curved}):
         mine = only(curved, direction=direction)
         first, second = (only(mine, arm=arm) for arm in STEERED)
         if compared := compare(first, second, group=mine[0].group, names=STEERED):
-            found.append(Contrast(PRIMARY.young, PRIMARY.noise, direction, compared))
-    return found if len(found) > 1 else []
+            contrasts.append(Contrast(PRIMARY.young, PRIMARY.noise, direction, compared))
+    return contrasts if len(contrasts) > 1 else []
 
 
 def _couples(present: Sequence[str]) -> list[tuple[str, str]]:
@@ -235,7 +235,7 @@ def _couples(present: Sequence[str]) -> list[tuple[str, str]]:
 
 def young_contrasts(table: Sequence[Row]) -> list[Contrast]:
     """Constant against variable Young's modulus, the same paths, for every controller that saw both."""
-    found = []
+    contrasts = []
     main = only(main_rows(table), noise=PRIMARY.noise)
     for arm in arms(main):
         mine = only(main, arm=arm)
@@ -247,5 +247,5 @@ def young_contrasts(table: Sequence[Row]) -> list[Contrast]:
                 only(members, young="constant"), only(members, young="variable"), group=group, names=names
             )
             if compared:
-                found.append(Contrast("constant / variable", PRIMARY.noise, arm, compared))
-    return found
+                contrasts.append(Contrast("constant / variable", PRIMARY.noise, arm, compared))
+    return contrasts

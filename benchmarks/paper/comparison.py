@@ -70,10 +70,10 @@ def pair_rows(first: Sequence[Row], second: Sequence[Row], metric: str = "rmse_m
 
 
 def _by_path(rows: Sequence[Row], metric: str) -> dict[tuple[str, str, str], float]:
-    found: dict[tuple[str, str, str], list[float]] = {}
+    errors: dict[tuple[str, str, str], list[float]] = {}
     for row in rows:
-        found.setdefault(row.pair, []).append(row.ranked(metric))
-    return {key: statistics.middle(values) for key, values in found.items()}
+        errors.setdefault(row.pair, []).append(row.ranked(metric))
+    return {key: statistics.middle(values) for key, values in errors.items()}
 
 
 def compare(

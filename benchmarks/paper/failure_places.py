@@ -34,11 +34,11 @@ def spots(table: Sequence[Row]) -> list[Spot]:
     members: dict[tuple[str, str, str, str], list[Row]] = {}
     for row in main_rows(table):
         members.setdefault((row.arm, row.young, row.noise, row.end_point), []).append(row)
-    found = []
+    result = []
     for (arm, young, noise, end_point), mine in members.items():
         x, y = mine[0].end_mm
         worst = [row.ranked("max_error_mm") for row in mine]
-        found.append(
+        result.append(
             Spot(
                 *(arm, young, noise, end_point, x, y, border_mm(mine[0]), len(mine)),
                 failed=sum(row.failed for row in mine),
@@ -47,7 +47,7 @@ def spots(table: Sequence[Row]) -> list[Spot]:
                 worst_mm=max(worst),
             )
         )
-    return sorted(found, key=lambda spot: (spot.arm, spot.young, spot.noise, spot.end_point))
+    return sorted(result, key=lambda spot: (spot.arm, spot.young, spot.noise, spot.end_point))
 
 
 def face_mm(table: Sequence[Row]) -> tuple[float, float] | None:
@@ -73,7 +73,7 @@ def border_mm(row: Row) -> float:
 def notable_cases(table: Sequence[Row], *, failed: int = 5) -> list[tuple[str, str]]:
     """(id, why) of the cases worth a recording: best, median and worst stable insertion of each controller in each
     group under each condition, and the first that failed or lost their target; no id twice."""
-    found: dict[str, str] = {}
+    reasons: dict[str, str] = {}
     main = main_rows(table)
     for condition in conditions(main):
         for group in groups(under(main, condition)):
@@ -83,10 +83,10 @@ def notable_cases(table: Sequence[Row], *, failed: int = 5) -> list[tuple[str, s
                 good = [row for row in ranked if row.stable]
                 picks = [("best", 0), ("median", len(good) // 2), ("worst", len(good) - 1)] if good else []
                 for why, place in picks:
-                    found.setdefault(good[place].id, why)
+                    reasons.setdefault(good[place].id, why)
                 for row in [row for row in ranked if not row.success][:failed]:
-                    found.setdefault(row.id, outcome_word(row))
-    return list(found.items())
+                    reasons.setdefault(row.id, outcome_word(row))
+    return list(reasons.items())
 
 
 def outcome_word(row: Row) -> str:

@@ -8,7 +8,7 @@ from typing import Any
 from jinja2 import Environment, FileSystemLoader, StrictUndefined
 
 from benchmarks.paper import figures, number_text
-from benchmarks.paper.claims import CONTRADICTED, NOT_TESTABLE, REPRODUCED
+from benchmarks.paper.evidence import CONTRADICTED, NOT_TESTABLE, REPRODUCED
 from benchmarks.paper.table import ALL, GROUPS, REFERENCES, arm_name
 
 Json = dict[str, Any]

@@ -87,8 +87,8 @@ def rerun(plan: Plan, ports: PaperPorts) -> Findings:
             ports.store(name, ports.train(kind, seed, data))
     outcomes, timing = list(first), list[Outcome]()
     for stage in stages:
-        found = _run_stage(stage, ports, resolve_cases(stage.cases))
-        (timing if stage.alone else outcomes).extend(found)
+        stage_outcomes = _run_stage(stage, ports, resolve_cases(stage.cases))
+        (timing if stage.alone else outcomes).extend(stage_outcomes)
     curves = learning_curves(
         data,
         nodes=plan.scale.nodes,
@@ -104,8 +104,8 @@ def _run_stage(stage: Stage, ports: PaperPorts, cases: Sequence[Case]) -> list[O
     """The outcomes in the order of the cases, whichever ended first."""
     ports.begin(stage)
     run = ports.run_alone if stage.alone else ports.run_many
-    found = {outcome.case.id: outcome for outcome in run(cases)}
-    return [found[case.id] for case in cases]
+    outcomes = {outcome.case.id: outcome for outcome in run(cases)}
+    return [outcomes[case.id] for case in cases]
 
 
 def gather_dataset(plan: Plan, outcomes: Sequence[Outcome], table: Callable[[Case], Table]) -> Dataset:
@@ -127,10 +127,10 @@ def gather_dataset(plan: Plan, outcomes: Sequence[Outcome], table: Callable[[Cas
 
 def model_files(plan: Plan) -> list[tuple[str, str, int]]:
     """(file, kind, seed) of every model that the stages name."""
-    found = [(name, "elm", seed) for seed, name in enumerate(elm_names(plan.scale))]
+    files = [(name, "elm", seed) for seed, name in enumerate(elm_names(plan.scale))]
     if plan.scale.baselines:
-        found += [(name, kind, 0) for kind, name in model_names().items() if kind != "elm"]
-    return found
+        files += [(name, kind, 0) for kind, name in model_names().items() if kind != "elm"]
+    return files
 
 
 def cases_to_record(outcomes: Sequence[Outcome], *, failed: int) -> list[Outcome]:

@@ -70,6 +70,7 @@ class Plan:
 
     @property
     def insertions(self) -> int:
+        """How many there are in all stages."""
         return sum(len(stage.cases) for stage in self.stages)
 
     @cached_property

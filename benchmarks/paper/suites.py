@@ -39,10 +39,12 @@ class Path:
 
     @property
     def group(self) -> str:
+        """LIN or CUR."""
         return "CUR" if self.direction else "LIN"
 
     @property
     def name(self) -> str:
+        """As it begins the ids of its cases."""
         return f"{self.group.lower()}-{self.end_point:03}{self.direction}"
 
     def trajectory(self) -> Json:
@@ -89,8 +91,8 @@ def resolve_cases(drafts: Sequence[Case]) -> list[Case]:
         try:
             cases.append(Case(draft.id, Scenario.load(draft.scenario).resolved(), draft.labels))
         except ScenarioError as error:
-            found = [Problem(f"{draft.id}: {p.field}", p.value, p.message) for p in error.problems]
-            raise ScenarioError(found) from None
+            problems = [Problem(f"{draft.id}: {p.field}", p.value, p.message) for p in error.problems]
+            raise ScenarioError(problems) from None
     return cases
 
 
@@ -278,11 +280,11 @@ def suite(name: str, *, model: str = "default") -> Suite:
 
 def drafts(name: str, *, model: str = "default") -> list[Case]:
     """Its cases before defaults: the models that they name need not exist. Raises ScenarioError for an unknown name."""
-    kind, scale = _found(name)
+    kind, scale = _kind_and_scale(name)
     return kind.cases(scale, {"elm": model})
 
 
-def _found(name: str) -> tuple[_Kind, Scale]:
+def _kind_and_scale(name: str) -> tuple[_Kind, Scale]:
     for base, kind in _KINDS.items():
         size = name.removeprefix(base)
         if name.startswith(base) and size in _SIZES:

@@ -122,10 +122,10 @@ def _lateral(scenario: Mapping[str, Any], name: str) -> tuple[float, float]:
 
 
 def _timing(timing: Mapping[str, Any], steps: int | None) -> dict[str, float | None]:
-    found: dict[str, float | None] = {name: (timing.get(name) or {}).get("median_ms") for name in TIMED}
+    medians: dict[str, float | None] = {name: (timing.get(name) or {}).get("median_ms") for name in TIMED}
     wall = timing.get("loop_wall_s")
-    found["mean_step"] = 1e3 * wall / steps if wall is not None and steps else None
-    return found
+    medians["mean_step"] = 1e3 * wall / steps if wall is not None and steps else None
+    return medians
 
 
 def only(table: Iterable[Row], **wanted: str) -> list[Row]:
@@ -163,16 +163,16 @@ def arm_name(arm: str) -> str:
 
 def groups(table: Iterable[Row]) -> list[str]:
     """Groups that there are, LIN and CUR first."""
-    found = {row.group for row in table} - {TRAINING}
-    return [name for name in GROUPS if name in found] + sorted(found - set(GROUPS))
+    names = {row.group for row in table} - {TRAINING}
+    return [name for name in GROUPS if name in names] + sorted(names - set(GROUPS))
 
 
 def by_group(table: Sequence[Row]) -> dict[str, list[Row]]:
     """Rows by group; with two groups or more also all of them together."""
-    found = {name: only(table, group=name) for name in groups(table)}
-    if len(found) > 1:
-        found[ALL] = [row for name in groups(table) for row in found[name]]
-    return found
+    members = {name: only(table, group=name) for name in groups(table)}
+    if len(members) > 1:
+        members[ALL] = [row for name in groups(table) for row in members[name]]
+    return members
 
 
 def insertions_csv(table: Sequence[Row]) -> str:

@@ -24,6 +24,7 @@ class Variation:
 
     @property
     def name(self) -> str:
+        """Parameter and value, good in a file name."""
         return re.sub(r"[^\w.]+", "-", f"{self.parameter} {self.value}")
 
 

@@ -26,7 +26,7 @@ FIRST = "step"
 
 
 class ProbeError(RuntimeError):
-    """The process under observation did not do what it was asked."""
+    """The process under observation failed."""
 
 
 @dataclass(frozen=True)
@@ -48,7 +48,7 @@ def probe(
     clock: Callable[[], float] = time.perf_counter,
 ) -> ProbeResult:
     """Run a scenario (JSON data) with a recorder in a new process. Raises ProbeFailed."""
-    asked = {
+    request = {
         "scenario": scenario,
         "recorder": recorder,
         "recording": str(recording),
@@ -65,7 +65,7 @@ def probe(
     assert child.stdin is not None
     assert child.stdout is not None
     with child, child.stdin, child.stdout:
-        child.stdin.write(json.dumps(asked))
+        child.stdin.write(json.dumps(request))
         child.stdin.close()
         line = child.stdout.readline().strip()
         first_step_s = clock() - started
@@ -76,7 +76,7 @@ def probe(
 
 
 class _FirstStep:
-    """Observer that tells the parent when the first step is done, before anything else sees that step."""
+    """Observer that reports to the parent when the first step is done, before anything else sees that step."""
 
     def __init__(self, inner: Any, first_step_only: bool) -> None:
         self.inner, self.first_step_only = inner, first_step_only
@@ -86,7 +86,8 @@ class _FirstStep:
 
     def step(self, record: StepRecord) -> None:
         if record.step == 1:
-            print(FIRST, flush=True)
+            sys.stdout.write(f"{FIRST}\n")
+            sys.stdout.flush()
             if self.first_step_only:
                 raise _StopRunError
         self.inner.step(record)
@@ -101,20 +102,20 @@ class _StopRunError(Exception):
 
 def main() -> None:
     """The process under observation."""
-    asked = json.loads(sys.stdin.read())
+    request = json.loads(sys.stdin.read())
     from simcore.rollout.rollout import run
     from simcore.scenario.scenario import Scenario
 
-    module, _, name = asked["recorder"].partition(":")
+    module, _, name = request["recorder"].partition(":")
     recorder = getattr(importlib.import_module(module), name)
-    scenario = Scenario.load(asked["scenario"])
+    scenario = Scenario.load(request["scenario"])
     status = "first step"
     try:
-        with recorder(Path(asked["recording"])) as observer:
-            status = str(run(scenario, _FirstStep(observer, asked["first_step_only"])).status)
+        with recorder(Path(request["recording"])) as observer:
+            status = str(run(scenario, _FirstStep(observer, request["first_step_only"])).status)
     except _StopRunError:
         pass
-    print(json.dumps({"peak_mb": peak_mb(), "status": status}))
+    json.dump({"peak_mb": peak_mb(), "status": status}, sys.stdout)
 
 
 def peak_mb() -> float | None:

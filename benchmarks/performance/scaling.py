@@ -75,7 +75,7 @@ def _limit(timed: TimedRun) -> float:
 
 
 def fitted_exponent(nodes: list[int], seconds: list[float]) -> float:
-    """p of the least-squares fit seconds ~ nodes^p."""
+    """The p of the least-squares fit seconds ~ nodes^p."""
     return float(np.polyfit(np.log(nodes), np.log(seconds), 1)[0])
 
 

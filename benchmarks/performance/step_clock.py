@@ -57,7 +57,7 @@ class _StepClock:
         self.limit_s: list[float] = []
         self.left = 0.0
 
-    def begin(self, scene: Scene, first: StepRecord) -> None:
+    def begin(self, _scene: Scene, _first: StepRecord) -> None:
         self.left = self.clock()
 
     def step(self, record: StepRecord) -> None:

@@ -131,17 +131,17 @@ class _Watch:
     def __init__(self, stages: Stages | None, clock: Clock) -> None:
         self.stages, self.clock, self.steps_s = stages, clock, list[float]()
 
-    def begin(self, scene: Scene, first: StepRecord) -> None:
+    def begin(self, _scene: Scene, _first: StepRecord) -> None:
         if self.stages is not None:
             self.stages.clear()
         self.left = self.clock()
 
-    def step(self, record: StepRecord) -> None:
+    def step(self, _record: StepRecord) -> None:
         now = self.clock()
         self.steps_s.append(now - self.left)
         self.left = now
 
-    def end(self, rollout: Rollout) -> None:
+    def end(self, _rollout: Rollout) -> None:
         if self.stages is not None:
             self.stages.total_s = float(np.sum(self.steps_s))
 

@@ -46,7 +46,7 @@ RECORDER = "tests.benchmarks.test_suite:silent"
 
 
 @contextlib.contextmanager
-def silent(path: Path) -> Iterator[Silent]:
+def silent(_path: Path) -> Iterator[Silent]:
     """A recorder that records nothing."""
     yield Silent()
 
@@ -66,14 +66,14 @@ class Alone:
 
 
 @contextlib.contextmanager
-def crew(workers: int) -> Iterator[Alone]:
+def crew(_workers: int) -> Iterator[Alone]:
     yield Alone()
 
 
 @pytest.fixture
 def ports(tmp_path: Path) -> BenchPorts:
     return BenchPorts(
-        say=lambda text: None,
+        say=lambda _: None,
         recorder=silent,
         recorder_name=RECORDER,
         crew=crew,
@@ -213,7 +213,7 @@ def test_patching_is_undone_after_an_error() -> None:
 # ---- the command
 
 
-def test_the_command_lists(tmp_path: Path) -> None:
+def test_the_command_lists() -> None:
     done = CliRunner().invoke(main, ["bench", "--list"])
     assert done.exit_code == 0
     assert [line.split()[0] for line in done.stdout.splitlines()] == list(NAMES)

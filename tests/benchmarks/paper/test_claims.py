@@ -12,8 +12,9 @@ import pytest
 
 from benchmarks.cases import Case, Outcome
 from benchmarks.paper.analysis import box, controller_contrasts, direction_contrasts, scores, young_contrasts
-from benchmarks.paper.claims import CONTRADICTED, NOT_TESTABLE, REPRODUCED, Claim, Findings, claims
+from benchmarks.paper.claims import claims
 from benchmarks.paper.comparison import as_json, compare
+from benchmarks.paper.evidence import CONTRADICTED, NOT_TESTABLE, REPRODUCED, Claim, Evidence
 from benchmarks.paper.failure_places import border_mm, face_mm, notable_cases, spots
 from benchmarks.paper.learning_studies import LearningPoint, learning_steps, seed_scores, seed_shares, variants
 from benchmarks.paper.statistics import Interval
@@ -31,9 +32,9 @@ from tests.benchmarks.paper.synthetic import (
 )
 
 
-def findings(outcomes: list[Outcome], timing: list[Outcome] | None = None) -> Findings:
+def evidence_of(outcomes: list[Outcome], timing: list[Outcome] | None = None) -> Evidence:
     table = rows(outcomes)
-    return Findings(
+    return Evidence(
         rows=table,
         scores=scores(table),
         contrasts=controller_contrasts(table),
@@ -45,7 +46,7 @@ def findings(outcomes: list[Outcome], timing: list[Outcome] | None = None) -> Fi
 
 
 def verdicts(outcomes: list[Outcome], timing: list[Outcome] | None = None) -> dict[str, Claim]:
-    return {claim.key: claim for claim in claims(findings(outcomes, timing))}
+    return {claim.key: claim for claim in claims(evidence_of(outcomes, timing))}
 
 
 def pair(group: str, ifem: list[float], elm: list[float]) -> list[Outcome]:
@@ -184,7 +185,7 @@ def test_floor_needs_every_reference_below(open_loop: float, rigid: float, floor
     outcomes = pair("LIN", [0.001] * 10, [0.002] * 10)
     outcomes += [outcome("o", open_loop, labelled("LIN", "open_loop", 0, ""))]
     outcomes += [outcome("r", rigid, labelled("LIN", "rigid", 0, ""))]
-    found = findings(outcomes).contrast("LIN")
+    found = evidence_of(outcomes).contrast("LIN")
     assert found is not None
     assert found.floor is floor
     claim = verdicts(outcomes)["lin"]
