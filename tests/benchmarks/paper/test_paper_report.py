@@ -12,7 +12,7 @@ from xml.etree import ElementTree
 
 import pytest
 
-from benchmarks.cases import Case, Outcome
+from benchmarks.cases import Case, Label, Outcome
 from benchmarks.paper.failure_places import notable_cases
 from benchmarks.paper.page import change, change_interval, html, interval, mm, p_value, percent, share, signed
 from benchmarks.paper.pipeline import cases_to_record
@@ -163,7 +163,7 @@ def test_other_recorded_cases_are_linked_too() -> None:
 
 
 def test_names_are_escaped() -> None:
-    labels = {"group": "<xb>&'\"", "arm": "<xi>", "end_point": "<xu>"}
+    labels: dict[str, Label] = {"group": "<xb>&'\"", "arm": "<xi>", "end_point": "<xu>"}
     outcomes = [outcome("<script>", 0.1, labels), outcome("x", 0.1, {**labels, "arm": "elm"})]
     recorded = {"<script>": "a\"b<'.rrd"}
     text = html(document(outcomes, recordings=recorded, scale="<xs>", provenance={"<xp>": "<xq>"}))
