@@ -77,7 +77,7 @@ class Figure:
         return None if self.target is None or median is None else self.target.met_by(median)
 
     def as_json(self) -> dict[str, Any]:
-        """The figure as it stands in a report."""
+        """The figure as a report stores it."""
         target = None if self.target is None else {self.target.sense: self.target.bound}
         return {
             "median": self.median,
@@ -118,7 +118,7 @@ class Table:
     rows: tuple[tuple[Any, ...], ...]
 
     def as_json(self) -> dict[str, Any]:
-        """The table as it stands in a report."""
+        """The table as a report stores it."""
         return {"title": self.title, "columns": list(self.columns), "rows": [list(row) for row in self.rows]}
 
     def markdown(self) -> str:
@@ -142,7 +142,7 @@ class Part:
 
 
 def cell_text(value: Any) -> str:
-    """A value for people: four significant digits, a dash for what there is not."""
+    """A value for readers: four significant digits, a dash where there is none."""
     if value is None or (isinstance(value, float) and not np.isfinite(value)):
         return "-"
     if isinstance(value, bool):

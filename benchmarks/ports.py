@@ -35,7 +35,7 @@ class Crew(Protocol):
 
 @dataclass(frozen=True)
 class BenchPorts:
-    """What is handed in.
+    """What the command line provides.
 
     say: progress, one line. recorder: opens a recording at a path. recorder_name: the same, as `module:function`, for a
     process of its own. crew: so many workers while the context is open. folder: where scratch files may be.

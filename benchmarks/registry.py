@@ -31,13 +31,13 @@ class Benchmark:
 BENCHMARKS = {
     "micro": Benchmark(micro, "kernels one by one: forces, back-solve, refactor, W, beams"),
     "step": Benchmark(step, "plant step and whole I-FEM step along line and sine, in ms and in L0"),
-    "scaling": Benchmark(scaling, "the step over nodes (beside L0), depth, beams, time step"),
-    "throughput": Benchmark(throughput, "two jobs at once on two cores against one after the other"),
+    "scaling": Benchmark(scaling, "the step over nodes (next to L0), depth, beams, time step"),
+    "throughput": Benchmark(throughput, "two jobs at once on two cores, compared with one after the other"),
     "recording": Benchmark(recording, "a run with and without its recording"),
     "start-up": Benchmark(start, "process start to first step, warm and cold kernel cache"),
     "memory": Benchmark(memory, "peak memory of a process at 1,617 and 5,270 nodes"),
     "profile": Benchmark(profile, "share of each stage of a step"),
-    "convergence": Benchmark(convergence, "tip, entry force and sum |lambda| over the discretisation", study=True),
+    "convergence": Benchmark(convergence, "tip, entry force and sum |lambda| by discretisation", study=True),
     "forces": Benchmark(forces, "force over depth: push, hold, pull out", study=True),
 }
 

@@ -72,7 +72,7 @@ def _case(number: int, end_mm: Vector, seed: int, changes: dict[str, Any]) -> Ca
 
 
 def collect_dataset(chosen: Sequence[Case], run: RunInsertions, *, samples: int, seed: int) -> Dataset:
-    """Run the insertions and gather their steps, in the order of the cases, whoever is finished first.
+    """Run the insertions and gather their steps, in the order of the cases, whichever is finished first.
 
     An insertion that ended in a named failure gives the steps before it. Raises DatasetError without any step.
     """

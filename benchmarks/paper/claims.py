@@ -102,7 +102,7 @@ def submillimetric(evidence: Evidence) -> Claim:
         verdict, reason = NOT_TESTABLE, "not every controller ran in both groups"
     if open_loop := [s for g in ("LIN", "CUR") if (s := evidence.score(g, "open_loop"))]:
         shares = ", ".join(f"{100 * s.submillimetric:.0f} % on {s.group}" for s in open_loop)
-        reason += f"; an open loop has an RMSE below 1 mm in {shares}: alone this proves little"
+        reason += f"; an open loop has an RMSE below 1 mm in {shares}: on its own this proves little"
     return Claim("submillimetric", text, "abstract", verdict, figure, "", None, "", reason)
 
 
@@ -190,6 +190,6 @@ def _saving_verdict(total: Sequence[Saving], share: float) -> tuple[str, str]:
     if len(missed) == len(total):
         return CONTRADICTED, f"a whole step saves less than {100 * share:.0f} % in every form of I-FEM"
     undecided = [s.way for s in total if s.way not in (*reached, *missed)]
-    words = (("holds against", reached), ("not against", missed), ("undecided against", undecided))
+    words = (("holds against", reached), ("does not hold against", missed), ("undecided against", undecided))
     reason = ", ".join(f"{word} {' and '.join(ways)}" for word, ways in words if ways)
     return NOT_TESTABLE, f"{reason}; which form of I-FEM was timed is not stated"

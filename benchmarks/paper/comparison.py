@@ -79,7 +79,7 @@ def _by_path(rows: Sequence[Row], metric: str) -> dict[tuple[str, str, str], flo
 def compare(
     first: Sequence[Row], second: Sequence[Row], *, group: str, names: tuple[str, str], floor: bool | None = None
 ) -> Comparison | None:
-    """All tests of the paper's RMSE; None if there is not one pair."""
+    """All tests of the paper's RMSE; None without a pair."""
     matched = pair_rows(first, second)
     if not matched.clusters:
         return None

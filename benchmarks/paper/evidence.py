@@ -20,7 +20,7 @@ BOTH = ("ifem", "elm")
 
 @dataclass(frozen=True)
 class Claim:
-    """One claim and what became of it. figure: the measured numbers in words; test, p and effect as far as there is
+    """One claim and its verdict. figure: the measured numbers in words; test, p and effect as far as there is
     one; reason: why this verdict."""
 
     key: str

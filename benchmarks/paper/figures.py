@@ -1,4 +1,4 @@
-"""The report's pictures, drawn from its JSON: what there is no data for is not drawn."""
+"""The report's pictures, drawn from its JSON; without data for one, it is left out."""
 
 from __future__ import annotations
 

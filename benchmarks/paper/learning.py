@@ -69,7 +69,7 @@ def learning_curves(
 ) -> LearningCurves:
     """Train for every node count, sample count and seed, both splits; along the curves only the first few seeds.
 
-    sample_counts: for training; larger ones than there are stand for all of them. Raises DataError for a data set
+    sample_counts: for training; a larger count than there are takes all of them. Raises DataError for a data set
     that is too small to split.
     """
     few = range(min(seeds, CURVE_SEEDS))

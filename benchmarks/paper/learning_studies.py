@@ -1,4 +1,4 @@
-"""Studies beside the experiments: ELMs that differ in their random weights, learning curves, sensitivity."""
+"""Studies besides the experiments: ELMs that differ in their random weights, learning curves, sensitivity."""
 
 from __future__ import annotations
 

@@ -1,6 +1,6 @@
 """The paper from data set to report: what is run, in which order, and what follows from what.
 
-Pure in the sense of the suites: it is handed everything that runs, stores, trains or records.
+It neither runs nor stores anything itself: `PaperPorts` provides whatever runs, stores, trains or records.
 """
 
 from __future__ import annotations

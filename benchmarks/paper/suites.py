@@ -259,7 +259,7 @@ _KINDS = {
     "paper-v1": _Kind("lin100-v1, cur400-v1 and young-v1 together", paper_cases),
     "sensitivity-v1": _Kind("What the paper leaves open, moved one by one", sensitivity_cases),
 }
-_OWN_MODELS = {"baselines": 0}  # their models do not come along: they are trained in a run of `needlebench paper`
+_OWN_MODELS = {"baselines": 0}  # their models are not bundled: a run of `needlebench paper` trains them
 _SIZES = {
     size: SCALES[name].model_copy(update=_OWN_MODELS)
     for size, name in (("", "full"), ("-quick", "quick"), ("-smoke", "smoke"))

@@ -202,7 +202,7 @@ def insertions_csv(table: Sequence[Row]) -> str:
 
 
 def _cell(value: Any) -> Any:
-    """Empty for what there is not."""
+    """The value, empty where nothing was measured."""
     return "" if value is None or (isinstance(value, float) and not math.isfinite(value)) else value
 
 

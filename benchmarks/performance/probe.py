@@ -119,7 +119,7 @@ def main() -> None:
 
 
 def peak_mb() -> float | None:
-    """The most memory that this process held, 10^6 bytes; None where nobody counts.
+    """The most memory that this process held, 10^6 bytes; None where it is not counted.
 
     On Linux from /proc: `ru_maxrss` also counts what the parent held at the moment of the fork.
     """

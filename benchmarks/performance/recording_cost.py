@@ -29,11 +29,11 @@ class RunTimes:
 def recording(ports: BenchPorts) -> Part:
     """Pairs of runs, alternating which comes first; the ratio is taken pair by pair.
 
-    Whole means wall time from before the recorder is opened until its file is closed: what whoever waits for the run
-    waits for. A recording of this length is not compacted. The same scenario runs without an observer, so its tissue
-    frames are copied either way. The recorder is imported and warm, as in a worker; Rerun encodes on a thread of its
-    own, which costs no wall time where a core is free. The processor ratio counts that thread, too, and the thread
-    ratio the simulating thread alone: on a busy machine these two say more than the wall time.
+    Whole means wall time from before the recorder is opened until its file is closed: what the user waits for. A
+    recording of this length is not compacted. The same scenario runs without an observer, so its tissue frames are
+    copied either way. The recorder is imported and warm, as in a worker; Rerun encodes on a thread of its own, which
+    costs no wall time where a core is free. The processor ratio counts that thread, too, and the thread ratio the
+    simulating thread alone: on a busy machine these two say more than the wall time.
     """
     scenario = benchmark_scenario("sine", quick=ports.quick)
     _run_times(ports, scenario, True)  # the recorder is imported and warm now

@@ -1,4 +1,4 @@
-"""How the step grows: with nodes (beside L0), with depth, with beams, with the time step."""
+"""How the step grows: with nodes (next to L0), with depth, with beams, with the time step."""
 
 from __future__ import annotations
 
@@ -110,7 +110,7 @@ def _table(nodes: list[int], runs: list[list[TimedRun]]) -> Table:
 
 
 def _plot(nodes: list[int], runs: list[list[TimedRun]]) -> str:
-    """The README's picture: plant, whole step and L0 beside one linearised step of SOFA."""
+    """The README's picture: plant, whole step and L0 next to one linearised step of SOFA."""
     x = [float(n) for n in nodes]
     lines = [
         Line("SOFA, refactored every step", [*map(float, SOFA_DIRECT)], [*SOFA_DIRECT.values()], dashed=True),

@@ -1,4 +1,4 @@
-"""A whole step along `line` and `sine`, in ms and in L0, with each form of the Jacobian that there is."""
+"""A whole step along `line` and `sine`, in ms and in L0, with each form of the Jacobian."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Forces measured on a needle in bovine liver, to stand beside the simulated curve. Nothing is fitted to them.
+"""Forces measured on a needle in bovine liver, to compare with the simulated curve. Nothing is fitted to them.
 
 Okamura, Simone and O'Leary 2004, Force modeling for needle insertion into soft tissue, IEEE Transactions on Biomedical
 Engineering 51(10), 1707-1716: a bevel-tip needle of 1.27 mm (18 gauge), liver ex vivo at room temperature. Puncture:

@@ -1,8 +1,8 @@
-"""What the result owes to the discretisation: the same base poses replayed with another mesh, needle, time step,
+"""How the result depends on the discretisation: the same base poses replayed with another mesh, needle, time step,
 spacing, spread, with other fixed faces and solver tolerances.
 
 The tip alone hides locking and forces that depend on the mesh, so the force at the entry, the force on the base and
-sum |lambda| stand beside it.
+sum |lambda| are reported with it.
 """
 
 from __future__ import annotations
@@ -111,10 +111,10 @@ def convergence(ports: BenchPorts) -> Part:
     """The I-FEM run at the default, then all variants under its base poses."""
     base = benchmark_scenario("sine", quick=ports.quick, changes=("recording.enabled=false",))
     ports.say("convergence: the run whose base poses are replayed")
-    led = observe(base)
+    source_run = observe(base)
     studies = sweeps(quick=ports.quick)
     scenarios = {
-        (s.name, label): _replay(base, led, changes, f"{s.name} {label}")
+        (s.name, label): _replay(base, source_run, changes, f"{s.name} {label}")
         for s in studies
         for label, _, changes in s.values
     }
@@ -126,12 +126,12 @@ def convergence(ports: BenchPorts) -> Part:
     speed_mm_s = base.trajectory.speed_mm_s
     rows = [row for sweep in studies for row in _rows(sweep, runs, speed_mm_s)]
     depth_runs = {label: runs["mesh", label] for label, _, _ in studies[0].values}
-    return study_part(base, led, [(s.name, s.x_label, s.log, s.named) for s in studies], rows, depth_runs)
+    return study_part(base, source_run, [(s.name, s.x_label, s.log, s.named) for s in studies], rows, depth_runs)
 
 
-def _replay(base: Scenario, led: ObservedRun, changes: dict[str, Any], name: str) -> Scenario:
+def _replay(base: Scenario, source_run: ObservedRun, changes: dict[str, Any], name: str) -> Scenario:
     dt_s = changes.get("dt_s", base.dt_s)
-    poses = replay_block(led.series, dt_s=base.dt_s, new_dt_s=dt_s)
+    poses = replay_block(source_run.series, dt_s=base.dt_s, new_dt_s=dt_s)
     return with_blocks(base, **changes, controller=poses, name=name)
 
 

@@ -57,7 +57,7 @@ class Row:
 
 def study_part(
     base: Scenario,
-    led: ObservedRun,
+    source_run: ObservedRun,
     sweeps: Sequence[tuple[str, str, bool, bool]],
     rows: list[Row],
     depth_runs: dict[str, ObservedRun],
@@ -65,7 +65,7 @@ def study_part(
     """Everything that is written. sweeps: name, label of the axis, logarithmic, named values."""
     tables = [_table(name, [row for row in rows if row.sweep == name]) for name, *_ in sweeps]
     files = {
-        "convergence.md": _markdown(base, led, tables),
+        "convergence.md": _markdown(base, source_run, tables),
         "convergence.csv": _csv(rows),
         "convergence.svg": _picture(sweeps, rows),
         "convergence_depth.svg": _depth_picture(base, depth_runs),
@@ -106,14 +106,15 @@ def _label(row: Row) -> str:
     return f"{row.variant} ({', '.join(marks)})" if marks else row.variant
 
 
-def _markdown(base: Scenario, led: ObservedRun, tables: list[Table]) -> str:
-    rmse = led.metrics["rmse_mm"]
+def _markdown(base: Scenario, source_run: ObservedRun, tables: list[Table]) -> str:
+    rmse = source_run.metrics["rmse_mm"]
     head = [
         "# Convergence",
         "",
-        f"Base poses of an I-FEM run along `{base.name}` with the default discretisation ({led.metrics['steps']} steps,"
-        f" {led.status}, RMSE {'-' if rmse is None else f'{rmse:.3f}'} mm), replayed in every variant; at another time"
-        " step they are interpolated. Tip and push differences are to the variant marked as reference, at the same"
+        f"Base poses of an I-FEM run along `{base.name}` with the default discretisation ("
+        f"{source_run.metrics['steps']} steps, {source_run.status}, RMSE {'-' if rmse is None else f'{rmse:.3f}'} mm),"
+        " replayed in every variant; at another time step they are interpolated. Tip and push differences are to the"
+        " variant marked as reference, at the same"
         " time. Entry: lateral force at the constraint point nearest to the entry. Push: axial force of the robot on"
         " the base. λ: lateral constraint forces; their ratio is sum |λ| / |sum λ|, large where neighbouring points"
         " fight each other. Means and maxima are over the insertion, sampled every millimetre. Fixed faces: y = both"

@@ -1,7 +1,7 @@
 """The force curve: push straight in, hold, pull out.
 
-What the contact laws predict stands beside what came out, and so do forces measured in bovine liver (`bovine_liver`:
-Okamura et al. 2004, needle of 1.27 mm, ex vivo).
+The table compares the result with what the contact laws predict and with forces measured in bovine liver
+(`bovine_liver`: Okamura et al. 2004, needle of 1.27 mm, ex vivo).
 """
 
 from __future__ import annotations
@@ -221,7 +221,7 @@ def _beside_liver(curve: Curve) -> Panel:
         Line(f"liver, cutting at 3 mm/s + friction at {SPEED_MM_S:g} mm/s", ends, mean, dashed=True, markers=False),
         Line("the same, one standard deviation", [*ends, gap, *ends], [*high, gap, *low], dashed=True, markers=False),
     )
-    title = f"The push beside bovine liver ex vivo, needle of 1.27 mm ({CITATION})"
+    title = f"The push compared with bovine liver ex vivo, needle of 1.27 mm ({CITATION})"
     return Panel(title, "base travel from first touch, mm", "axial force, N", lines, y_zero=True)
 
 

@@ -1,6 +1,6 @@
 """Line and box plots as SVG, without a plotting library: panels in a grid, linear and logarithmic axes, a legend each.
 
-Every colour has a class beside it (`ink`, `pale`, `grid`, `paper`, `halo`, `band`, `s0` ... `s7`), so that the style
+Every colour also has a class (`ink`, `pale`, `grid`, `paper`, `halo`, `band`, `s0` ... `s7`), so that the style
 sheet of a page may replace it, in the dark for one.
 """
 

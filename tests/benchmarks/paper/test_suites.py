@@ -120,7 +120,7 @@ def test_fewer_directions_are_taken_in_turn() -> None:
 
 @pytest.mark.parametrize("scale", SCALES.values(), ids=list(SCALES))
 def test_seeds_run_where_every_controller_ran(scale: Scale) -> None:
-    """So that a seed's error stands beside those of I-FEM and the references on the very same paths."""
+    """So that a seed's error can be compared with those of I-FEM and the references on the same paths."""
 
     def paths(cases: Sequence[Case]) -> set[tuple[Label, Label]]:
         return {(case.labels["end_point"], case.labels["direction"]) for case in cases}
