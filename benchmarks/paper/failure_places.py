@@ -51,7 +51,7 @@ def spots(table: Sequence[Row]) -> list[Spot]:
 
 
 def face_mm(table: Sequence[Row]) -> tuple[float, float] | None:
-    """Width and height of the block's far face; None if the tissue is no block or there are several."""
+    """Width and height of the block's far face; None if the tissue is not a block or there are several."""
     sizes = set()
     for row in table:
         tissue = row.scenario.get("tissue", {})
@@ -62,7 +62,7 @@ def face_mm(table: Sequence[Row]) -> tuple[float, float] | None:
 
 
 def border_mm(row: Row) -> float:
-    """From the end point to the nearest side face; nan where the tissue is no block."""
+    """From the end point to the nearest side face; nan where the tissue is not a block."""
     face = face_mm([row])
     if face is None:
         return math.nan

@@ -102,7 +102,7 @@ def compare_checkouts(
 ) -> CheckoutComparison:
     """Warm both up, then run them in turn, changing which of a pair comes first.
 
-    scratch: folder for compiled kernels. Raises ScenarioError for a folder that is no checkout, CheckoutError for a
+    scratch: folder for compiled kernels. Raises ScenarioError for a folder that is not a checkout, CheckoutError for a
     run that fails.
     """
     sides = [_checkout(folder, scratch / name) for folder, name in ((old, "old"), (new, "new"))]
@@ -122,7 +122,7 @@ def compare_checkouts(
 def _checkout(folder: Path, kernels: Path) -> Checkout:
     folder = folder.resolve()
     if not any((folder / name).is_file() for name in ("needlebench.py", "needlebench/__init__.py")):
-        raise ScenarioError([Problem("--checkouts", str(folder), "is no checkout: it holds no module needlebench")])
+        raise ScenarioError([Problem("--checkouts", str(folder), "is not a checkout: it has no module needlebench")])
     return Checkout(folder, kernels)
 
 

@@ -17,7 +17,7 @@ from benchmarks.builtin_scenarios import benchmark_scenario, with_blocks
 from benchmarks.measurements import Part
 from benchmarks.observed_run import ObservedRun, observe
 from benchmarks.ports import BenchPorts
-from benchmarks.studies.convergence_report import Row, study_part
+from benchmarks.studies.convergence_report import VariantRow, study_part
 from benchmarks.studies.replayed_poses import replay_block
 from simcore.scenario.scenario import Scenario
 
@@ -135,14 +135,16 @@ def _replay(base: Scenario, source_run: ObservedRun, changes: dict[str, Any], na
     return with_blocks(base, **changes, controller=poses, name=name)
 
 
-def _rows(sweep: Sweep, runs: dict[tuple[str, str], ObservedRun], speed_mm_s: float) -> list[Row]:
+def _rows(sweep: Sweep, runs: dict[tuple[str, str], ObservedRun], speed_mm_s: float) -> list[VariantRow]:
     reference = runs[sweep.name, sweep.reference]
     return [
         _row(sweep, label, place, runs[sweep.name, label], reference, speed_mm_s) for label, place, _ in sweep.values
     ]
 
 
-def _row(sweep: Sweep, label: str, place: float, run: ObservedRun, reference: ObservedRun, speed_mm_s: float) -> Row:
+def _row(
+    sweep: Sweep, label: str, place: float, run: ObservedRun, reference: ObservedRun, speed_mm_s: float
+) -> VariantRow:
     end_s = min(run.series["t_s"][-1], reference.series["t_s"][-1])
     samples = np.arange(SAMPLES_MM, end_s * speed_mm_s + 1e-9, SAMPLES_MM) / speed_mm_s
     times = np.append(samples, end_s)
@@ -151,7 +153,7 @@ def _row(sweep: Sweep, label: str, place: float, run: ObservedRun, reference: Ob
         at_times(run, name, times) for name in ("entry_force_n", "insertion_force_n", "lateral_sum_n")
     )
     pushed_reference = at_times(reference, "insertion_force_n", times)
-    return Row(
+    return VariantRow(
         sweep=sweep.name,
         variant=label,
         place=place,

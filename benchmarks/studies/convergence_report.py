@@ -12,7 +12,7 @@ from benchmarks.observed_run import ObservedRun
 from benchmarks.svg_plot import Line, Panel, svg
 from simcore.scenario.scenario import Scenario
 
-MEASURES = (  # field of Row, title, unit
+MEASURES = (  # field of VariantRow, title, unit
     ("tip_max_mm", "largest tip difference", "mm"),
     ("entry_mean_n", "mean lateral force at the entry", "N"),
     ("push_mean_n", "mean axial force on the base", "N"),
@@ -31,7 +31,7 @@ TITLES = {
 
 
 @dataclass(frozen=True)
-class Row:
+class VariantRow:
     """One variant. Differences are to the sweep's reference at the same time; means and maxima are over the depth."""
 
     sweep: str
@@ -59,7 +59,7 @@ def study_part(
     base: Scenario,
     source_run: ObservedRun,
     sweeps: Sequence[tuple[str, str, bool, bool]],
-    rows: list[Row],
+    rows: list[VariantRow],
     depth_runs: dict[str, ObservedRun],
 ) -> Part:
     """Everything that is written. sweeps: name, label of the axis, logarithmic, named values."""
@@ -73,7 +73,7 @@ def study_part(
     return Part(tuple(_figure(name, rows) for name, *_ in sweeps), tuple(tables), files)
 
 
-def _figure(name: str, rows: list[Row]) -> Figure:
+def _figure(name: str, rows: list[VariantRow]) -> Figure:
     """Largest tip difference: of the default from the finest; where the default is the reference, of any variant."""
     mine = [row for row in rows if row.sweep == name]
     default = next(row for row in mine if row.default)
@@ -82,7 +82,7 @@ def _figure(name: str, rows: list[Row]) -> Figure:
     return figure(f"convergence.{name}.tip_mm", "mm", [default.tip_max_mm], note="default from the finest")
 
 
-def _table(name: str, rows: list[Row]) -> Table:
+def _table(name: str, rows: list[VariantRow]) -> Table:
     columns = (
         "variant", "status", "tip end mm", "tip max mm", "entry mean N", "entry max N", "push mean N", "push diff N",
         "sum λ mean N", "sum λ max N", "λ ratio", "min det F", "iterations",
@@ -101,7 +101,7 @@ def _table(name: str, rows: list[Row]) -> Table:
     )  # fmt: skip
 
 
-def _label(row: Row) -> str:
+def _label(row: VariantRow) -> str:
     marks = [mark for mark, on in (("default", row.default), ("reference", row.reference)) if on]
     return f"{row.variant} ({', '.join(marks)})" if marks else row.variant
 
@@ -128,15 +128,15 @@ def _markdown(base: Scenario, source_run: ObservedRun, tables: list[Table]) -> s
     return "\n".join(head) + "\n".join(f"\n## {table.title}\n\n{table.markdown()}" for table in tables)
 
 
-def _csv(rows: list[Row]) -> str:
+def _csv(rows: list[VariantRow]) -> str:
     text = io.StringIO()
     writer = csv.writer(text, lineterminator="\n")
-    writer.writerow([field.name for field in fields(Row)])
+    writer.writerow([field.name for field in fields(VariantRow)])
     writer.writerows(astuple(row) for row in rows)
     return text.getvalue()
 
 
-def _picture(sweeps: Sequence[tuple[str, str, bool, bool]], rows: list[Row]) -> str:
+def _picture(sweeps: Sequence[tuple[str, str, bool, bool]], rows: list[VariantRow]) -> str:
     """A row of panels for each sweep, a column for each measure."""
     grid = []
     for name, x_label, log, named in sweeps:

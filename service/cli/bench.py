@@ -104,7 +104,9 @@ def bench(
         click.get_current_context().exit(_compare(*reports))
     if checkouts is not None:
         if names:
-            raise ScenarioError([Problem("NAME", names[0], "goes with no --checkouts, which has timings of its own")])
+            raise ScenarioError(
+                [Problem("NAME", names[0], "cannot be combined with --checkouts, which has its own timings")]
+            )
         _compare_checkouts(*checkouts, json_file=json_file, quick=quick)
         return
     from benchmarks.registry import BENCHMARKS, select

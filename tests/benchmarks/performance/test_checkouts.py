@@ -129,7 +129,7 @@ def test_the_command_prints_and_stores_the_pairs(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("arguments", "why"),
     [
-        (["--checkouts", "FOLDER", "FOLDER"], "is no checkout"),
+        (["--checkouts", "FOLDER", "FOLDER"], "is not a checkout"),
         (["--checkouts", "FOLDER/nothing", "FOLDER"], "does not exist"),
         (["micro", "--checkouts", "FOLDER", "FOLDER"], "NAME"),
     ],
