@@ -80,7 +80,7 @@ def test_the_scenarios_are_the_built_in_ones() -> None:
         assert Scenario.load(data) == preset(name)
 
 
-def test_a_slower_checkout_is_found_out(tmp_path: Path) -> None:
+def test_each_run_measures_its_own_checkout(tmp_path: Path) -> None:
     old, new = made_up(tmp_path / "old", plant_s=0.005), made_up(tmp_path / "new", plant_s=0.02, digest="other")
     said: list[str] = []
     found = compare_checkouts(old, new, scratch=tmp_path / "scratch", say=said.append, quick=True)
@@ -89,7 +89,9 @@ def test_a_slower_checkout_is_found_out(tmp_path: Path) -> None:
     assert [figure.key for figure in found.figures] == keys
     figures = {figure.key: figure for figure in found.figures}
     assert figures["line.plant_ms"].ratios == pytest.approx([4.0, 4.0])
-    assert min(figures["sine.step_ms"].ratios) > 1.5
+    assert min(figures["sine.step_ms"].old) > 4.9  # a sleep is never shorter than asked for
+    assert min(figures["sine.step_ms"].new) > 19.9
+    assert all(start_s > 0.005 for start_s in figures["start_s"].old)
     assert not found.same_results
     assert (found.old_commit, found.new_commit) == ("old0123456789", "new0123456789")
 
