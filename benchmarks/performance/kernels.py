@@ -6,10 +6,10 @@ from collections.abc import Callable
 
 import numpy as np
 
-from benchmarks.builtin_scenarios import measured
+from benchmarks.builtin_scenarios import benchmark_scenario
 from benchmarks.measurements import Figure, Part, figure
-from benchmarks.performance.step_clock import Unusable, limit_of
-from benchmarks.ports import Clock, Tools
+from benchmarks.performance.step_clock import MeasurementError, limit_of
+from benchmarks.ports import BenchPorts, Clock
 from simcore.errors import Status
 from simcore.insertion.insertion import Insertion, InsertionState, Pose
 from simcore.needle.beam import internal
@@ -24,11 +24,11 @@ ADVANCE_M = 0.25e-3
 Kernel = Callable[[], object]
 
 
-def micro(tools: Tools) -> Part:
+def micro(ports: BenchPorts) -> Part:
     """Median time of one call; a run is a round of calls."""
     compile_kernels()
-    scenario = measured("line", quick=tools.quick)
-    tools.say("micro: pushing the needle half-way in")
+    scenario = benchmark_scenario("line", quick=ports.quick)
+    ports.say("micro: pushing the needle half-way in")
     insertion, state = half_way(scenario)
     limit = limit_of(scenario)
     kernels: dict[str, Kernel] = {
@@ -37,12 +37,12 @@ def micro(tools: Tools) -> Part:
         "limit_back_solve": limit.solve,
         "limit_force": limit.evaluate,
     }
-    rounds = 3 if tools.quick else ROUNDS
+    rounds = 3 if ports.quick else ROUNDS
     times: dict[str, list[float]] = {name: [] for name in kernels}
-    tools.say(f"micro: {rounds} rounds of {', '.join(kernels)}")
+    ports.say(f"micro: {rounds} rounds of {', '.join(kernels)}")
     for _ in range(rounds):
         for name, kernel in kernels.items():
-            times[name].append(_per_call(kernel, 1 if name == "refactor" else CALLS, tools.clock))
+            times[name].append(_per_call(kernel, 1 if name == "refactor" else CALLS, ports.clock))
     return Part(tuple(_figure(name, values) for name, values in times.items()))
 
 
@@ -56,7 +56,7 @@ def half_way(scenario: Scenario) -> tuple[Insertion, InsertionState]:
         base = Pose(start.position_m + (i + 1) * ADVANCE_M * tangent, start.rotation)
         state = insertion.step(state, base)
         if state.report.status is not Status.COMPLETED:
-            raise Unusable(f"step {i + 1} of the push ended as {state.report.status}: {state.report.message}")
+            raise MeasurementError(f"step {i + 1} of the push ended as {state.report.status}: {state.report.message}")
     return insertion, state
 
 

@@ -9,7 +9,7 @@ from typing import Any
 from benchmarks.cases import Outcome
 from benchmarks.grid import page as grid_page
 from benchmarks.grid import report as grid_report
-from benchmarks.paper.failure_places import chosen
+from benchmarks.paper.failure_places import notable_cases
 from benchmarks.paper.page import html
 from benchmarks.paper.report import document
 from benchmarks.paper.table import rows
@@ -30,7 +30,7 @@ def report(campaign: Campaign, cases: Sequence[CampaignCase]) -> dict[str, Any]:
     provenance = _provenance(campaign, found)
     if axes := campaign.request.get("grid"):
         return grid_report.document(found, axes, name=campaign.name, links=links, provenance=provenance)
-    telling = {case_id: links[case_id] for case_id, _ in chosen(rows(found)) if case_id in links}
+    telling = {case_id: links[case_id] for case_id, _ in notable_cases(rows(found)) if case_id in links}
     return document(found, timing=found, recordings=telling, scale=campaign.name, provenance=provenance)
 
 

@@ -9,9 +9,9 @@ from dataclasses import asdict
 from typing import Any
 
 from benchmarks.cases import Case, Outcome
-from benchmarks.paper.analysis import floored
+from benchmarks.paper.analysis import at_floor
 from benchmarks.paper.comparison import Comparison, compare
-from benchmarks.paper.table import Row, arms, grouped, main_rows, only, rows
+from benchmarks.paper.table import Row, arms, by_group, main_rows, only, rows
 from benchmarks.trend import Point
 from service.store.campaign import Campaign, CampaignCase
 from service.store.job import TERMINAL
@@ -92,10 +92,10 @@ def between_arms(found: Sequence[Outcome], first: str, second: str) -> list[Comp
 def _compared(couples: list[tuple[str, str, list[Row], list[Row]]], marks: tuple[str, str]) -> list[Comparison]:
     compared = []
     for one, other, first, second in couples:
-        mine, theirs = grouped(first), grouped(second)
+        mine, theirs = by_group(first), by_group(second)
         for group in mine:
             if group in theirs:
                 names = (one + marks[0], other + marks[1])
-                floor = floored([*mine[group], *theirs[group]])
+                floor = at_floor([*mine[group], *theirs[group]])
                 compared.append(compare(mine[group], theirs[group], group=group, names=names, floor=floor))
     return [found for found in compared if found is not None]

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from benchmarks.trend import Judgement, Point, judged
+from benchmarks.trend import Judgement, Point, judge_all
 from service.campaigns.results import outcomes, point, point_json, point_of
 from service.store.campaign import Campaign
 from service.store.campaigns import CampaignStore
@@ -23,5 +23,5 @@ def history(campaigns: CampaignStore, suite: str) -> list[tuple[Campaign, Point,
         (campaign, kept_point(campaigns, campaign) if kept is None else point_of(kept))
         for campaign, kept in campaigns.points(suite, limit=MOST_POINTS)
     ]
-    marks = judged([one for _, one in found])
+    marks = judge_all([one for _, one in found])
     return [(campaign, one, mark) for (campaign, one), mark in zip(found, marks, strict=True)]

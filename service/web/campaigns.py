@@ -10,7 +10,7 @@ from fastapi import APIRouter, Query, Request, Response
 from pydantic import ValidationError
 
 from benchmarks.paper.suites import suite_names
-from benchmarks.paper.table import Row, arms, grouped, main_rows, only, rows
+from benchmarks.paper.table import Row, arms, by_group, main_rows, only, rows
 from service.api.context import Service, ServiceOf
 from service.api.routes.campaigns import CampaignId, compare_campaigns
 from service.api.schemas.campaigns import CampaignState, CampaignView, ComparisonRequest
@@ -135,7 +135,7 @@ def _ordered(cases: list[CampaignCase], sort: Sort, down: bool) -> list[Campaign
 def _scores(table: list[Row]) -> list[dict[str, Any]]:
     """By group and controller: how many, how many succeeded, the errors in the middle and at worst."""
     found = []
-    for group, members in grouped(main_rows(table)).items():
+    for group, members in by_group(main_rows(table)).items():
         for arm in arms(members):
             mine = only(members, arm=arm)
             errors = sorted(row.rmse_mm for row in mine)

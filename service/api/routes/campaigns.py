@@ -11,7 +11,7 @@ from fastapi import APIRouter, Path, Query, Response, status
 from benchmarks.paper.comparison import as_json
 from benchmarks.paper.suites import suite_names
 from benchmarks.paper.table import insertions_csv, rows
-from benchmarks.trend import lasting
+from benchmarks.trend import lasting_losses
 from service.admission.campaign_planner import CampaignRequest
 from service.api.context import Service, ServiceOf, documented
 from service.api.schemas.campaigns import (
@@ -285,6 +285,6 @@ def get_trend(suite: SuiteName, service: ServiceOf) -> Trend:
                 good_commit=runs[loss.since - 1].commit,
                 why=loss.why,
             )
-            for loss in lasting(runs)
+            for loss in lasting_losses(runs)
         ],
     )

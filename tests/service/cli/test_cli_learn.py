@@ -16,7 +16,7 @@ import pytest
 from click.testing import CliRunner, Result
 
 from benchmarks.cases import Case
-from benchmarks.learning.training_insertions import Insertion, cases
+from benchmarks.learning.training_insertions import Insertion, training_insertions
 from service.cli import learning as cli_learn
 from service.cli.main import main
 from service.local import dataset_runs as local_many
@@ -84,14 +84,14 @@ def test_fewer_steps_than_samples_are_said(tmp_path: Path) -> None:
 
 def test_what_was_kept_is_found_again_and_only_that(tmp_path: Path) -> None:
     kept = Kept(tmp_path / "parts")
-    one, two = cases(insertions=2, seed=0)
+    one, two = training_insertions(insertions=2, seed=0)
     kept.keep(Insertion(one, table(1), "completed", "abc"))
     again = kept.find(one)
     assert again is not None
     assert (again.status, again.digest) == ("completed", "abc")
     np.testing.assert_array_equal(again.table["tip_m"], table(1)["tip_m"])
     assert kept.find(two) is None
-    assert kept.find(cases(insertions=2, seed=1)[0]) is None
+    assert kept.find(training_insertions(insertions=2, seed=1)[0]) is None
     next((tmp_path / "parts").glob("*.npz")).write_bytes(b"torn")
     assert kept.find(one) is None
 
@@ -106,7 +106,7 @@ def test_real_insertions_a_model_of_them_and_a_run_by_it(tmp_path: Path) -> None
     done = invoke("dataset", "--out", tmp_path / "data.npz", "--insertions", 15, *COARSE)
     assert done.exit_code == 0, done.output
     found = load_dataset(tmp_path / "data.npz")
-    middle = cases(insertions=15, seed=0, changes=coarse_changes())[1]
+    middle = training_insertions(insertions=15, seed=0, changes=coarse_changes())[1]
     here = run(Scenario.load(middle.scenario))
     assert found.provenance["insertions"][1]["digest"] == here.digest
     np.testing.assert_array_equal(
