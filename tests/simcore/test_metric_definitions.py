@@ -24,13 +24,13 @@ TURNED = [[12.0, 20.0, -80.0, 0.0, 1.0, 0.0, 0.0]]  # upside down within one ste
 @cache
 def rollout(kind: str) -> Rollout:
     """One short run of each kind whose result could have other keys."""
-    changes: dict[str, Any] = {
+    changes: dict[str, dict[str, Any]] = {
         "steered": {},
         "open loop": {"controller": {"kind": "open_loop"}, "trajectory": LINE},
         "never punctured": {"controller": replay(AWAY[:1]), "noise_mm": 0.0},
         "failed in its first step": {"controller": replay(TURNED)},
-    }[kind]
-    return run(short(**changes))
+    }
+    return run(short(**changes[kind]))
 
 
 KINDS = ("steered", "open loop", "never punctured", "failed in its first step")
