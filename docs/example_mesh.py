@@ -1,6 +1,6 @@
 """Makes the mesh that `needlebench example mesh` prints: a barrel with a domed top, of our own making.
 
-    python docs/example_mesh.py service/examples/mesh.msh
+    python docs/example_mesh.py service/cli/examples/mesh.msh
 
 Lengths in mm. The needle enters at the top of the dome, the origin, and goes down along +z; the flat base is at z = 60.
 Physical groups: `tissue`, the volume; `top`, `side` and `base`, its surface.

@@ -7,7 +7,7 @@ from typing import Any
 
 from fastapi import Depends, Request
 
-from service.problems import HttpProblem
+from service.api.problems import HttpProblem
 
 READ, SUBMIT, ADMIN = SCOPES = ("read", "submit", "admin")
 SAFE_METHODS = frozenset({"GET", "HEAD", "OPTIONS"})

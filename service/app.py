@@ -9,33 +9,27 @@ from typing import Any, cast
 import anyio.to_thread
 from fastapi import FastAPI
 
-from service import (
-    api,
-    api_campaigns,
-    api_models,
-    api_schedules,
-    events,
-    key_routes,
-    login,
-    openapi,
-    ops,
-    problems,
-    results,
-    system,
-    upload_routes,
-)
-from service.core import Service
-from service.guard import BodyLimit, HostGuard
-from service.head import HeadAsGet
-from service.key_guard import KeyGuard
-from service.keys import UnknownKey
-from service.models import UnknownModel
-from service.plain_errors import PlainErrors
-from service.readiness import readings
-from service.request_log import RequestLog
-from service.uploads import UnknownUpload, UploadInUse, UploadsFull
+from service.api import openapi, problems
+from service.api.context import Service
+from service.api.middleware.framework_errors import PlainErrors
+from service.api.middleware.guard import BodyLimit, HostGuard
+from service.api.middleware.head_requests import HeadAsGet
+from service.api.middleware.key_guard import KeyGuard
+from service.api.middleware.request_log import RequestLog
+from service.api.readiness import readings
+from service.api.routes import campaigns as api_campaigns
+from service.api.routes import events, results, system
+from service.api.routes import jobs as api
+from service.api.routes import keys as key_routes
+from service.api.routes import models as api_models
+from service.api.routes import operations as ops
+from service.api.routes import schedules as api_schedules
+from service.api.routes import uploads as upload_routes
+from service.store.keys import UnknownKey
+from service.store.models import UnknownModel
+from service.store.uploads import UnknownUpload, UploadInUse, UploadsFull
 from service.version import installed_version
-from service.web import assets, campaigns, jobs, models, schedules, site, viewer
+from service.web import assets, campaigns, jobs, login, models, schedules, site, viewer
 
 DESCRIPTION = """Robotic needle insertions in deforming tissue, as jobs: submit a scenario, follow it, fetch its
 metrics, series and recording. Every error is `application/problem+json` (RFC 9457)."""

@@ -14,7 +14,7 @@ from pathlib import Path
 from platformdirs import user_data_path
 
 from service.api_key import keys_exist
-from service.disk import MINIMUM_BYTES
+from service.files.disk import MINIMUM_BYTES
 from service.limits import Limits, SettingsError
 from simcore.errors import Problem
 
@@ -23,7 +23,7 @@ __all__ = ["Limits", "Settings", "SettingsError", "data_dir", "is_loopback", "ur
 DEFAULT_HOST = "127.0.0.1"
 DEFAULT_PORT = 8321
 MAXIMUM_WORKERS = 2
-RUNNER = "service.worker:run_job"
+RUNNER = "service.worker.attempt:run_job"
 
 
 def default_data_dir() -> Path:

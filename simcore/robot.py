@@ -6,9 +6,9 @@ import math
 
 import numpy as np
 
-from simcore.insertion import Pose
+from simcore.insertion.insertion import Pose
 from simcore.rotations import exp_map, log_map
-from simcore.scenario import Robot
+from simcore.scenario.scenario import Robot
 
 
 def limited_pose(base: Pose, command: Pose, limits: Robot, dt_s: float) -> tuple[Pose, bool]:

@@ -15,13 +15,13 @@ from dataclasses import dataclass, replace
 from benchmarks.paper import statistics
 from benchmarks.paper.analysis import PRIMARY, Contrast, Score, under
 from benchmarks.paper.comparison import Comparison
-from benchmarks.paper.places import border_mm
-from benchmarks.paper.studies import SeedShare
+from benchmarks.paper.failure_places import border_mm
+from benchmarks.paper.learning_studies import SeedShare
+from benchmarks.paper.number_text import effect as effect_size
+from benchmarks.paper.number_text import millimetres, p_value, signed
+from benchmarks.paper.number_text import share as share_of
 from benchmarks.paper.table import ALL, GROUPS, Row, arm_name, main_rows
 from benchmarks.paper.timing import PAPER_REDUCTIONS, Saving
-from benchmarks.paper.words import effect as effect_size
-from benchmarks.paper.words import millimetres, p_value, signed
-from benchmarks.paper.words import share as share_of
 
 REPRODUCED, CONTRADICTED, NOT_TESTABLE = "reproduced", "contradicted", "not testable"
 SIGNIFICANT = 0.01  # [paper] of the two directions

@@ -8,7 +8,7 @@ from typing import Any
 from xml.sax.saxutils import escape
 
 from benchmarks.paper.table import ALL, GROUPS, arm_name, in_order
-from benchmarks.plot import COLOURS, PALE, Axis, BoxMark, Line, Panel, fitted_axis, number, picture, svg, text
+from benchmarks.svg_plot import COLOURS, PALE, Axis, BoxMark, Line, Panel, fitted_axis, number, picture, svg, text
 
 Json = dict[str, Any]
 

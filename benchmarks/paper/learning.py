@@ -7,10 +7,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from benchmarks.paper import studies
-from benchmarks.training import SPLITS, trained
-from simcore.dataset import Dataset
+from benchmarks.learning.training import SPLITS, trained
+from benchmarks.paper import learning_studies as studies
 from simcore.learning import ExtremeLearningMachine
+from simcore.rollout.dataset import Dataset
 
 CURVE_SEEDS = 5
 

@@ -7,7 +7,8 @@ from typing import Any
 
 from jinja2 import Environment, FileSystemLoader, StrictUndefined
 
-from benchmarks.paper import figures, words
+from benchmarks.paper import figures
+from benchmarks.paper import number_text as words
 from benchmarks.paper.claims import CONTRADICTED, NOT_TESTABLE, REPRODUCED
 from benchmarks.paper.table import ALL, GROUPS, REFERENCES, arm_name
 

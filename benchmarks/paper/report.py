@@ -11,6 +11,7 @@ from typing import Any
 
 import numpy as np
 
+from benchmarks.cases import Outcome
 from benchmarks.paper import statistics
 from benchmarks.paper.analysis import (
     CLOSE_MM,
@@ -24,14 +25,13 @@ from benchmarks.paper.analysis import (
 )
 from benchmarks.paper.claims import Findings, claims
 from benchmarks.paper.comparison import as_json
+from benchmarks.paper.failure_places import chosen, face_mm, spots, unsuccessful
 from benchmarks.paper.figures import conditions, headline
+from benchmarks.paper.learning_studies import LearningPoint, learning_steps, seed_scores, seed_shares, variants
 from benchmarks.paper.page import html
-from benchmarks.paper.places import chosen, face_mm, spots, unsuccessful
-from benchmarks.paper.records import Outcome
-from benchmarks.paper.studies import LearningPoint, learning_steps, seed_scores, seed_shares, variants
 from benchmarks.paper.table import Row, arm_name, insertions_csv, main_rows, rows
 from benchmarks.paper.timing import PAPER_REDUCTIONS, costs, savings
-from simcore.artefacts import replace_atomically
+from simcore.rollout.artefacts import replace_atomically
 
 SCHEMA = "needlebench/paper/1"
 JSON, HTML, CSV, HEADLINE = "report.json", "report.html", "insertions.csv", "headline.svg"

@@ -11,7 +11,7 @@ from functools import cache
 import numpy as np
 from numpy.typing import NDArray
 
-from benchmarks.dataset import DEPTH_MM, ENTRY_MM, FACE_MM, grid_mm
+from benchmarks.learning.training_insertions import DEPTH_MM, ENTRY_MM, FACE_MM, grid_mm
 
 Points = NDArray[np.float64]
 

@@ -8,7 +8,7 @@ from typing import Annotated, Any
 from pydantic import BaseModel, ConfigDict, Field, StringConstraints, ValidationError
 
 from simcore.errors import Problem, ScenarioError
-from simcore.validation import problems_of
+from simcore.scenario.validation import problems_of
 
 Count = Annotated[int, Field(strict=True, ge=0, le=1000)]
 Positive = Annotated[int, Field(strict=True, ge=1, le=100_000)]

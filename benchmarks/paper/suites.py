@@ -10,13 +10,13 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from benchmarks import dataset
-from benchmarks.paper.records import Case, Label, Suite
+from benchmarks.cases import Case, Label, Suite
+from benchmarks.learning import training_insertions as dataset
 from benchmarks.paper.sampling import DIRECTIONS, ENTRY_MM, end_points_mm, young_kpa
 from benchmarks.paper.scale import SCALES, Scale
 from benchmarks.paper.variations import VARIATIONS, varied
 from simcore.errors import Problem, ScenarioError
-from simcore.scenario import Scenario
+from simcore.scenario.scenario import Scenario
 
 Models = Mapping[str, str]  # learned kind of controller -> its model; "default" where none is named
 Json = dict[str, Any]

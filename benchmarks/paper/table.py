@@ -9,7 +9,7 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from benchmarks.paper.records import Label, Outcome
+from benchmarks.cases import Label, Outcome
 from simcore.metrics import MEASURED
 
 ALL = "ALL"

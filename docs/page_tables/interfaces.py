@@ -11,9 +11,9 @@ import click
 from click.testing import CliRunner
 
 from page_tables.markdown import table
+from service.api.context import Service
 from service.app import create_app
-from service.cli import main
-from service.core import Service
+from service.cli.main import main
 from service.settings import Settings
 
 WIDTH = 88

@@ -10,8 +10,8 @@ from pydantic import BaseModel
 
 from page_tables.markdown import table
 from simcore.metric_definitions import METRICS, SERIES, STATUSES
-from simcore.parameters import Parameter, parameters
-from simcore.scenario import Scenario
+from simcore.scenario.parameters import Parameter, parameters
+from simcore.scenario.scenario import Scenario
 
 TOP = "scenario"  # the fields that are in no block
 

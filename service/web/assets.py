@@ -8,8 +8,8 @@ from pathlib import Path
 
 from fastapi import APIRouter, Header, Response
 
-from service.core import matches
-from service.problems import HttpProblem
+from service.api.context import matches
+from service.api.problems import HttpProblem
 
 router = APIRouter(include_in_schema=False)
 

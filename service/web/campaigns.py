@@ -11,15 +11,15 @@ from pydantic import ValidationError
 
 from benchmarks.paper.suites import suite_names
 from benchmarks.paper.table import Row, arms, grouped, main_rows, only, rows
-from service.api_campaigns import CampaignId, compare_campaigns
-from service.campaign_results import outcomes
-from service.campaign_schemas import CampaignState, CampaignView, ComparisonRequest
-from service.campaigns import CampaignCase, UnknownCampaign
-from service.core import Service, ServiceOf
+from service.api.context import Service, ServiceOf
+from service.api.routes.campaigns import CampaignId, compare_campaigns
+from service.api.schemas.campaigns import CampaignState, CampaignView, ComparisonRequest
+from service.campaigns.results import outcomes
+from service.store.campaign import CampaignCase, UnknownCampaign
 from service.web.form import paths
 from service.web.site import missing, page
 from simcore.errors import ScenarioError
-from simcore.presets import preset_names
+from simcore.scenario.presets import preset_names
 
 router = APIRouter(include_in_schema=False)
 

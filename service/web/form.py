@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 from functools import cache
 from typing import Any
 
-from simcore.scenario import Scenario
+from simcore.scenario.scenario import Scenario
 
 Json = dict[str, Any]
 

@@ -8,20 +8,20 @@ from typing import Annotated, Any
 
 from fastapi import APIRouter, Query, Request, Response
 
-from service.api_campaigns import STEP_S
-from service.campaign_schemas import CampaignView
-from service.campaigns import RUNNING as CAMPAIGN_RUNNING
-from service.core import JobId, Service, ServiceOf
-from service.cost import LEAST_LIMIT_S
-from service.job_text import flat
-from service.jobs import QUEUED, SUCCEEDED, TERMINAL, Job, UnknownJob
-from service.models import UnknownModel, packaged
-from service.schemas import ArtefactView, EventView, JobRequest, JobSummary, JobView, State
-from service.upload_names import UPLOAD_ID
+from service.admission.cost import LEAST_LIMIT_S
+from service.api.context import JobId, Service, ServiceOf
+from service.api.routes.campaigns import STEP_S
+from service.api.schemas.campaigns import CampaignView
+from service.api.schemas.jobs import ArtefactView, EventView, JobRequest, JobSummary, JobView, State
+from service.display import flat
+from service.files.upload_names import UPLOAD_ID
+from service.store.campaign import RUNNING as CAMPAIGN_RUNNING
+from service.store.job import QUEUED, SUCCEEDED, TERMINAL, Job, UnknownJob
+from service.store.models import UnknownModel, packaged
 from service.web.form import scenario_form
 from service.web.site import missing, page
-from simcore.presets import preset, preset_names
-from simcore.scenario_rules import without_derived
+from simcore.scenario.presets import preset, preset_names
+from simcore.scenario.rules import without_derived
 
 router = APIRouter(include_in_schema=False)
 

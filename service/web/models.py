@@ -6,18 +6,18 @@ from dataclasses import dataclass
 
 from fastapi import APIRouter, Request, Response
 
-from service.access_schemas import UploadView
-from service.api_models import USERS, ModelId
-from service.core import ServiceOf
-from service.job_text import flat
-from service.jobs import UnknownJob
-from service.model_schemas import ModelView
-from service.models import UnknownModel
-from service.schemas import JobSummary
-from service.train_job import SETTINGS
-from service.training import TrainRequest
+from service.admission.training_request import TrainRequest
+from service.api.context import ServiceOf
+from service.api.routes.models import USERS, ModelId
+from service.api.schemas.access import UploadView
+from service.api.schemas.jobs import JobSummary
+from service.api.schemas.models import ModelView
+from service.display import flat
+from service.store.job import UnknownJob
+from service.store.models import UnknownModel
 from service.web.jobs import AXES
 from service.web.site import missing, page
+from service.worker.training_job import SETTINGS
 
 router = APIRouter(include_in_schema=False)
 

@@ -6,9 +6,9 @@ from zoneinfo import available_timezones
 
 from fastapi import APIRouter, Request, Response
 
-from service.api_campaigns import SuiteName, get_trend
-from service.campaign_schemas import ScheduleRunView, ScheduleView
-from service.core import ServiceOf
+from service.api.context import ServiceOf
+from service.api.routes.campaigns import SuiteName, get_trend
+from service.api.schemas.campaigns import ScheduleRunView, ScheduleView
 from service.web.campaigns import request_form
 from service.web.site import missing, page
 

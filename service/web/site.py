@@ -10,9 +10,10 @@ from fastapi import Request
 from jinja2 import Environment, FileSystemLoader, StrictUndefined
 from starlette.responses import HTMLResponse
 
-from service.report_table import shown, size_text
+from service.cli.result_table import shown, size_text
 from service.version import installed_version
-from service.web import assets, words
+from service.web import assets
+from service.web import formatting as words
 
 TEMPLATES = Path(__file__).with_name("templates")
 SESSION = "needlebench_session"  # cookie of a browser that has logged in

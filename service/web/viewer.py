@@ -8,10 +8,10 @@ from fastapi import APIRouter, Header, Response
 from starlette.concurrency import run_in_threadpool
 from starlette.responses import FileResponse, RedirectResponse
 
-from service import viewer_files
-from service.core import ServiceOf, matches
-from service.problems import HttpProblem
-from service.viewer import ViewerError
+from service.api.context import ServiceOf, matches
+from service.api.problems import HttpProblem
+from service.recording import web_viewer as viewer_files
+from service.recording.viewer import ViewerError
 
 router = APIRouter(include_in_schema=False)
 

@@ -9,9 +9,9 @@ from typing import Protocol, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from simcore.insertion import Pose
-from simcore.linearisation import Linearisation
-from simcore.scenario import Scenario
+from simcore.insertion.insertion import Pose
+from simcore.insertion.jacobian_fast import Linearisation
+from simcore.scenario.scenario import Scenario
 
 Vector = NDArray[np.float64]
 Settings = TypeVar("Settings")

@@ -6,10 +6,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from simcore.controllers.base import Model, Observation
-from simcore.insertion import Pose
-from simcore.linearisation import Linearisation
+from simcore.insertion.insertion import Pose
+from simcore.insertion.jacobian_fast import Linearisation
 from simcore.rotations import exp_map
-from simcore.scenario import InverseFem
+from simcore.scenario.scenario import InverseFem
 
 Vector = NDArray[np.float64]
 

@@ -7,9 +7,9 @@ from numpy.typing import NDArray
 
 from simcore.controllers.base import Observation
 from simcore.controllers.remote_centre import pose_through
-from simcore.insertion import Pose
+from simcore.insertion.insertion import Pose
 from simcore.learning import Regressor, load_model
-from simcore.scenario import Learned
+from simcore.scenario.scenario import Learned
 
 Vector = NDArray[np.float64]
 

@@ -6,8 +6,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from simcore.controllers.base import Observation
-from simcore.insertion import Pose, rotation_towards
-from simcore.scenario import Scenario
+from simcore.insertion.insertion import Pose, rotation_towards
+from simcore.scenario.scenario import Scenario
 
 Vector = NDArray[np.float64]
 

@@ -8,9 +8,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from simcore.controllers.base import Controller, Observation
-from simcore.insertion import Pose
+from simcore.insertion.insertion import Pose
 from simcore.plugins import PluginError, factory_of
-from simcore.scenario import Plugin, Scenario
+from simcore.scenario.scenario import Plugin, Scenario
 
 Vector = NDArray[np.float64]
 

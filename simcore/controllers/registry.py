@@ -5,14 +5,14 @@ from __future__ import annotations
 from collections.abc import Callable
 
 from simcore.controllers.base import Controller, Model, Setup, Vector
-from simcore.controllers.frozen import FrozenJacobianController
+from simcore.controllers.frozen_jacobian import FrozenJacobianController
 from simcore.controllers.ifem import InverseFemController
 from simcore.controllers.learned import LearnedController
 from simcore.controllers.open_loop import OpenLoopController
 from simcore.controllers.plugin import PluginController
 from simcore.controllers.replay import ReplayController
-from simcore.controllers.rigid import RigidNeedleController
-from simcore.scenario import FrozenJacobian, InverseFem, Learned, Plugin, Replay, RigidNeedle, Scenario
+from simcore.controllers.rigid_needle import RigidNeedleController
+from simcore.scenario.scenario import FrozenJacobian, InverseFem, Learned, Plugin, Replay, RigidNeedle, Scenario
 
 FACTORIES: dict[str, Callable[[Setup], Controller]] = {
     "ifem": lambda s: InverseFemController(s.settings(InverseFem), s.asked_model()),

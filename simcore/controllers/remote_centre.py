@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from simcore.insertion import Pose
+from simcore.insertion.insertion import Pose
 from simcore.rotations import exp_map
 
 Vector = NDArray[np.float64]

@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 
 from simcore.controllers.base import Observation
-from simcore.insertion import Pose
+from simcore.insertion.insertion import Pose
 from simcore.rotations import matrix_from_quaternion
-from simcore.scenario import Replay
+from simcore.scenario.scenario import Replay
 
 
 class ReplayController:

@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from simcore.errors import NeedlebenchError, Problem, ScenarioError
-from simcore.files import located
+from simcore.file_names import located
 from simcore.learning.elm import ExtremeLearningMachine
 from simcore.learning.linear import LinearModel
 from simcore.learning.mlp import MultilayerPerceptron

@@ -13,9 +13,9 @@ from contextlib import contextmanager
 from pathlib import Path
 
 from needlebench import Client
-from service.client import JobStatus
+from service.client.client import JobStatus
 from service.limits import Limits
-from service.server import serve
+from service.server.server import serve
 from service.settings import RUNNER, Settings
 
 FAKE = "tests.acceptance.fakes:run_job"

@@ -13,10 +13,10 @@ from typing import Any
 
 import pytest
 
-from service import worker
-from service.client import ServiceError
-from service.server import CannotServe, serve
+from service.client.client import ServiceError
+from service.server.server import CannotServe, serve
 from service.settings import Settings
+from service.worker import attempt as worker
 from tests.acceptance.server import Server, running_server, until
 
 pytestmark = pytest.mark.slow

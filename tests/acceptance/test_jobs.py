@@ -14,8 +14,8 @@ import pytest
 from click.testing import CliRunner, Result
 
 from needlebench import Client
-from service.cli import main
-from service.client import JobStatus, ServiceError
+from service.cli.main import main
+from service.client.client import JobStatus, ServiceError
 from tests.acceptance.server import Server, alive, running_server, until
 
 

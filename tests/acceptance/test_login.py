@@ -13,10 +13,10 @@ from typing import Any
 import pytest
 
 from needlebench import Client
-from service.database import open_database
-from service.keys import Keys
 from service.settings import Settings
-from service.store import Store
+from service.store.database import open_database
+from service.store.jobs import Store
+from service.store.keys import Keys
 from tests.acceptance.server import running_server
 
 playwright = pytest.importorskip("playwright.sync_api")

@@ -8,8 +8,8 @@ from pathlib import Path
 import pytest
 from click.testing import CliRunner, Result
 
-from service.cli import main
-from service.client import Client
+from service.cli.main import main
+from service.client.client import Client
 from service.settings import RUNNER
 from tests.acceptance.server import Server, running_server, until
 from tests.service.learned import dataset_bytes

@@ -14,7 +14,7 @@ import httpx2
 import pytest
 from prometheus_client.parser import text_string_to_metric_families
 
-from service.client import Client, ServiceError
+from service.client.client import Client, ServiceError
 from tests.acceptance.server import ROOT, Server, running_server, until
 
 pytestmark = pytest.mark.slow

@@ -15,15 +15,15 @@ from typing import Any
 import pytest
 from click.testing import CliRunner
 
+from benchmarks.cases import Case, Outcome
 from benchmarks.paper.plan import Plan
-from benchmarks.paper.records import Case, Outcome
 from benchmarks.paper.scale import SCALES, Scale
 from benchmarks.paper.suites import drafts, resolved
-from service.cli import main
-from service.cli_paper import read_scale
-from service.paper_folder import PaperFolder, opened
-from service.paper_run import enough_space, identity
-from service.run_many import Crew
+from service.cli.main import main
+from service.cli.paper import read_scale
+from service.local.paper_folder import PaperFolder, opened
+from service.local.paper_run import enough_space, identity
+from service.worker.crew import Crew
 from simcore.errors import ScenarioError
 
 TINY = {
@@ -55,7 +55,17 @@ PATIENCE_S = 600.0
 def command(folder: Path) -> list[str]:
     scale = folder.with_name("tiny.json")
     scale.write_text(json.dumps(TINY))
-    words = [sys.executable, "-m", "service.cli", "paper", "--scale", str(scale), "--out", str(folder), "--any-commit"]
+    words = [
+        sys.executable,
+        "-m",
+        "service.cli",
+        "paper",
+        "--scale",
+        str(scale),
+        "--out",
+        str(folder),
+        "--any-commit",
+    ]
     return [*words, "--workers", "2"]
 
 

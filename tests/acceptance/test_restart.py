@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 
-from service.server import CannotServe, serve
+from service.server.server import CannotServe, serve
 from service.settings import Settings
 from tests.acceptance.server import Server, alive, children, running_server, until
 

@@ -19,9 +19,9 @@ import pytest
 
 from needlebench import Scenario, run
 from service.settings import RUNNER
-from simcore.artefacts import RESULT
+from simcore.rollout.artefacts import RESULT
 from tests.acceptance.server import ROOT, Server, alive, children, running_server, until
-from tests.simcore.test_mesh_file import write_box
+from tests.simcore.mesh.test_mesh_file import write_box
 
 pytestmark = pytest.mark.slow
 
@@ -173,7 +173,17 @@ def test_the_demo_ends_with_its_code_and_says_where_the_recording_is(tmp_path: P
 def test_the_demo_takes_the_next_port_and_stays_until_ctrl_c(tmp_path: Path) -> None:
     with socket.create_server(("127.0.0.1", 0)) as holder:
         port = holder.getsockname()[1]
-        command = [sys.executable, "-m", "service.cli", "demo", "--keep", "--data", str(tmp_path), "--port", str(port)]
+        command = [
+            sys.executable,
+            "-m",
+            "service.cli",
+            "demo",
+            "--keep",
+            "--data",
+            str(tmp_path),
+            "--port",
+            str(port),
+        ]
         with subprocess.Popen(
             command, cwd=ROOT, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True
         ) as process:

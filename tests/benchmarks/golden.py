@@ -10,10 +10,10 @@ from pathlib import Path
 from typing import Any
 
 from simcore.metrics import MEASURED
-from simcore.presets import preset_names, start, with_changes
 from simcore.provenance import provenance
-from simcore.rollout import run
-from simcore.scenario import Scenario
+from simcore.rollout.rollout import run
+from simcore.scenario.presets import preset_names, start, with_changes
+from simcore.scenario.scenario import Scenario
 
 FILE = Path(__file__).parents[2] / "benchmarks" / "results" / "builtin_scenarios.json"
 SCHEMA = "needlebench/golden/1"

@@ -7,7 +7,7 @@ from xml.etree import ElementTree
 
 import pytest
 
-from benchmarks.plot import Axis, Band, BoxMark, Line, Panel, fitted_axis, linear_ticks, log_ticks, number, svg
+from benchmarks.svg_plot import Axis, Band, BoxMark, Line, Panel, fitted_axis, linear_ticks, log_ticks, number, svg
 
 SPACE = "{http://www.w3.org/2000/svg}"
 

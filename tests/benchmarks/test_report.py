@@ -9,9 +9,9 @@ from typing import Any
 
 import pytest
 
-from benchmarks.compare import Verdict, compare, regressions, table
-from benchmarks.figures import TARGETS, Part, Table, Target, absent, figure, figure_table
-from benchmarks.report import FIGURE_FIELDS, SCHEMA, busy, document, load_report
+from benchmarks.bench_comparison import Verdict, compare, regressions, table
+from benchmarks.bench_report import FIGURE_FIELDS, SCHEMA, busy, document, load_report
+from benchmarks.measurements import TARGETS, Part, Table, Target, absent, figure, figure_table
 from simcore.errors import ScenarioError
 
 DATE = "2026-01-02T03:04:05+00:00"

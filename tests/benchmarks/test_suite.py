@@ -11,24 +11,24 @@ from pathlib import Path
 import pytest
 from click.testing import CliRunner
 
-from benchmarks.figures import Part
-from benchmarks.micro import micro
-from benchmarks.observed import Observed, observe
-from benchmarks.probe import ProbeFailed, probe
-from benchmarks.processes import start
-from benchmarks.recording import recording
-from benchmarks.report import SCHEMA
-from benchmarks.scaling import fitted_exponent, scaling
-from benchmarks.step import step
-from benchmarks.step_profile import METHODS, PYTHON, Stages, patched, profile
-from benchmarks.suite import BENCHMARKS, chosen
-from benchmarks.throughput import throughput
-from benchmarks.tools import Tools
-from service.cli import main
-from simcore import coupling
+from benchmarks.bench_report import SCHEMA
+from benchmarks.measurements import Part
+from benchmarks.observed_run import Observed, observe
+from benchmarks.performance.kernels import micro
+from benchmarks.performance.probe import ProbeFailed, probe
+from benchmarks.performance.recording_cost import recording
+from benchmarks.performance.scaling import fitted_exponent, scaling
+from benchmarks.performance.start_and_memory import start
+from benchmarks.performance.step_profile import METHODS, PYTHON, Stages, patched, profile
+from benchmarks.performance.throughput import throughput
+from benchmarks.performance.whole_step import step
+from benchmarks.ports import Tools
+from benchmarks.registry import BENCHMARKS, chosen
+from service.cli.main import main
+from simcore.contact import kernels as coupling
 from simcore.errors import ScenarioError
-from simcore.records import Silent
-from simcore.scenario import Scenario
+from simcore.rollout.records import Silent
+from simcore.scenario.scenario import Scenario
 
 NAMES = (
     "micro",

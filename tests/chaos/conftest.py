@@ -16,7 +16,7 @@ CLIENTS, SECONDS, JOBS = "NEEDLEBENCH_CHAOS_CLIENTS", "NEEDLEBENCH_CHAOS_SECONDS
 _SHORT, _FEW, _SHORT_CAMPAIGN = "3", "400", "30"
 _ELSEWHERE = {
     "tests/acceptance/test_disk.py": "disk full, read-only, locked; the clock",
-    "tests/service/test_hostile.py": "hostile input",
+    "tests/service/api/test_hostile.py": "hostile input",
 }
 _table: list[tuple[str, str]] = []
 

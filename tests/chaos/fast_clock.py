@@ -6,8 +6,8 @@ import functools
 import os
 import time
 
-from service import core
-from service.store import Store
+from service.api import context as core
+from service.store.jobs import Store
 from tests.acceptance import server
 
 SPEED = 30.0  # seconds of the server in one of ours

@@ -6,7 +6,7 @@ import os
 from dataclasses import dataclass
 from pathlib import Path
 
-from service.memory import resident_mb
+from service.worker.memory import resident_mb
 from tests.acceptance.server import children
 
 

@@ -6,7 +6,7 @@ import time
 from pathlib import Path
 from typing import Any
 
-from service import worker
+from service.worker import attempt as worker
 from tests.acceptance import fakes
 
 SPIN = "spin "  # name of a scenario that asks for CPU time: "spin 50" for 50 ms

@@ -9,8 +9,8 @@ from pathlib import Path
 from typing import Any
 
 from needlebench import Client
-from service.client import JobStatus
-from service.viewer import ViewerError, check_readable
+from service.client.client import JobStatus
+from service.recording.viewer import ViewerError, check_readable
 
 SHORT: dict[str, Any] = {
     "tissue": {"element_size_mm": 10},

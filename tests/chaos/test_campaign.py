@@ -13,8 +13,8 @@ from typing import Any
 import pytest
 
 from needlebench import Client
-from service import pool
 from service.settings import RUNNER
+from service.worker import process as pool
 from tests.acceptance.server import running_server, until
 from tests.chaos.flat import Held, cpu_s
 from tests.chaos.instant import SPIN, only_the_job
@@ -95,7 +95,7 @@ def _pace(jobs: list[Any]) -> float:
 
 def _bare(folder: Path, runner: str, scenarios: list[dict[str, Any]]) -> float:
     """Jobs a second by the same workers, with no service around them: as soon as one is done, the next."""
-    from simcore.scenario import Scenario
+    from simcore.scenario.scenario import Scenario
 
     specs = [{"scenario": Scenario.load(s).resolved(), "job_id": "bare", "uploads": str(folder)} for s in scenarios]
     work, taking = iter(enumerate(specs)), threading.Lock()

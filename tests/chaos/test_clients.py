@@ -15,7 +15,7 @@ from pathlib import Path
 from typing import Any
 
 from needlebench import Client
-from service.client import POLL_S
+from service.client.client import POLL_S
 from service.settings import RUNNER
 from tests.acceptance.server import ROOT, Server, running_server
 from tests.chaos.flat import cpu_s

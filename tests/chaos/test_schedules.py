@@ -13,7 +13,7 @@ from typing import Any
 
 import pytest
 
-from service.schedules import GRACE_S, MISSED, STARTED
+from service.store.schedule import GRACE_S, MISSED, STARTED
 from tests.acceptance.server import Server, until
 from tests.chaos import fast_clock
 

@@ -15,7 +15,7 @@ from pathlib import Path
 import pytest
 
 from needlebench import Client
-from service.client import ServiceError, Unreachable
+from service.client.client import ServiceError, Unreachable
 from service.settings import RUNNER
 from tests.acceptance.server import Server, alive, children, running_server, until
 from tests.chaos.jobs import check_digests, check_recordings, crashes, scenario, works_on

@@ -10,7 +10,7 @@ import statistics
 import pytest
 
 from simcore.metric_definitions import METRICS, SERIES, STATUSES
-from simcore.parameters import parameters
+from simcore.scenario.parameters import parameters
 from tests.docs.sources import DOCS, ROOT, program
 
 RESULTS = ROOT / "benchmarks" / "results"

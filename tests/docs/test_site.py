@@ -13,6 +13,7 @@ from tests.docs.snippets import pages
 from tests.docs.sources import DOCS, ROOT
 
 LINK = re.compile(r"\]\(((?!https?:|mailto:)[^)\s#]+)(#[\w-]+)?\)")
+NAMED_FILES = re.compile(r"`((?:simcore|benchmarks|service|tests)/[\w/]+(?:\.\w+)?)`")
 
 
 @pytest.mark.slow
@@ -35,6 +36,12 @@ def test_the_site_builds_without_a_warning(tmp_path: Path) -> None:
 def test_links_lead_to_files(page: Path) -> None:
     for target, _ in LINK.findall(page.read_text(encoding="utf-8")):
         assert (page.parent / target).exists(), f"{page.name}: {target}"
+
+
+@pytest.mark.parametrize("page", pages(), ids=lambda page: page.name)
+def test_files_of_the_code_that_a_page_names_exist(page: Path) -> None:
+    for name in NAMED_FILES.findall(page.read_text(encoding="utf-8")):
+        assert (ROOT / name).exists(), f"{page.name}: {name}"
 
 
 def test_every_page_is_in_the_navigation() -> None:

@@ -19,8 +19,8 @@ import click
 import pytest
 
 from needlebench import Client
-from service.cli import main
-from simcore.scenario import Scenario
+from service.cli.main import main
+from simcore.scenario.scenario import Scenario
 from tests.docs.snippets import LANGUAGES, Snippet, pages, snippets
 from tests.docs.sources import ROOT
 

@@ -6,7 +6,7 @@ import tempfile
 from functools import cache
 from pathlib import Path
 
-from service.database import open_database
+from service.store.database import open_database
 
 
 def lay_down(path: Path) -> Path:

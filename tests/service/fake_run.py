@@ -1,7 +1,7 @@
 """A run without physics: a needle that slides along the path through a box whose nodes move by a formula.
 
-It emits the records of `simcore.records` from buffers that it overwrites at every step, so that an observer that
-keeps references instead of copies records the wrong numbers.
+It emits the records of `simcore.rollout.records` from buffers that it overwrites at every step, so that an observer
+that keeps references instead of copies records the wrong numbers.
 """
 
 from __future__ import annotations
@@ -12,8 +12,8 @@ from typing import Any
 
 import numpy as np
 
-from simcore.records import Indices, Observer, Scene, StepRecord, StepTiming, Vector
-from simcore.scenario import Scenario
+from simcore.rollout.records import Indices, Observer, Scene, StepRecord, StepTiming, Vector
+from simcore.scenario.scenario import Scenario
 
 _CELL_TETS = np.array([[0, a, a + b, 7] for a, b in itertools.permutations((1, 2, 4), 2)])
 

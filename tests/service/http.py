@@ -10,12 +10,12 @@ from typing import Any
 import numpy as np
 from starlette.testclient import TestClient
 
+from service.api.context import Service
 from service.app import create_app
-from service.core import Service
-from service.jobs import Artefact, Job, Outcome
 from service.settings import Settings
-from service.train_job import MODEL, train_job
-from service.worker import describe
+from service.store.job import Artefact, Job, Outcome
+from service.worker.attempt import describe
+from service.worker.training_job import MODEL, train_job
 from tests.service.databases import lay_down
 
 HERE = "http://127.0.0.1:8321"

@@ -7,10 +7,10 @@ from typing import Any
 
 import numpy as np
 
-from benchmarks.training import trained
-from service.train_job import untrained
-from simcore.dataset import VARIABLES, Dataset, gathered
-from simcore.scenario import Scenario
+from benchmarks.learning.training import trained
+from service.worker.training_job import untrained
+from simcore.rollout.dataset import VARIABLES, Dataset, gathered
+from simcore.scenario.scenario import Scenario
 
 
 def dataset(*, insertions: int = 2, rows: int = 40, seed: int = 0) -> Dataset:

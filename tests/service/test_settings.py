@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 from click.testing import CliRunner
 
-from service.cli import main
+from service.cli.main import main
 from service.limits import Limits, limits_help
 from service.settings import Settings, SettingsError, is_loopback, url_of, variables_help
 

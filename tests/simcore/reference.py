@@ -10,12 +10,12 @@ from scipy.sparse import coo_array, csr_array
 from scipy.sparse.linalg import spsolve
 from threadpoolctl import threadpool_limits
 
-from simcore.beam import internal
-from simcore.insertion import Insertion, InsertionState, Pose
-from simcore.needle import rigid_move
+from simcore.insertion.insertion import Insertion, InsertionState, Pose
+from simcore.needle.beam import internal
+from simcore.needle.model import rigid_move
+from simcore.needle.shaft import shaft_frame
 from simcore.rotations import exp_map
-from simcore.shaft import shaft_frame
-from simcore.tissue import TissueModel
+from simcore.tissue.model import TissueModel
 
 Vector = NDArray[np.float64]
 Indices = NDArray[np.int64]

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Any
 
-from simcore.scenario import Scenario
+from simcore.scenario.scenario import Scenario
 
 STEPS = 41
 

@@ -12,7 +12,7 @@ import pytest
 
 from simcore.errors import Status
 from simcore.metric_definitions import METRICS, SERIES, STATUSES, UNIT_OF_SUFFIX, UNITS
-from simcore.rollout import Rollout, run
+from simcore.rollout.rollout import Rollout, run
 from tests.simcore.short_run import LINE, replay, short
 
 GOLDEN = Path(__file__).parents[2] / "benchmarks" / "results" / "builtin_scenarios.json"

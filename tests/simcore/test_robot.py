@@ -9,10 +9,10 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from simcore.insertion import Pose, rotation_towards
+from simcore.insertion.insertion import Pose, rotation_towards
 from simcore.robot import limited_pose
 from simcore.rotations import exp_map, log_map
-from simcore.scenario import Robot
+from simcore.scenario.scenario import Robot
 
 Vector = np.ndarray
 

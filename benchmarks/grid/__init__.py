@@ -1,0 +1,1 @@
+"""Parameter grids: the suite, its report and its page."""

@@ -1,0 +1,94 @@
+"""The kernels of a step one by one, on a needle half-way in, with L0 between them."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+
+from benchmarks.builtin_scenarios import measured
+from benchmarks.measurements import Figure, Part, figure
+from benchmarks.performance.step_clock import Unusable, limit_of
+from benchmarks.ports import Clock, Tools
+from simcore.errors import Status
+from simcore.insertion.insertion import Insertion, InsertionState, Pose
+from simcore.needle.beam import internal
+from simcore.rollout.rollout import compile_kernels
+from simcore.scenario.scenario import Scenario
+
+ROUNDS = 30
+CALLS = 10
+DEPTH_SHARE = 0.5
+ADVANCE_M = 0.25e-3
+
+Kernel = Callable[[], object]
+
+
+def micro(tools: Tools) -> Part:
+    """Median time of one call; a run is a round of calls."""
+    compile_kernels()
+    scenario = measured("line", quick=tools.quick)
+    tools.say("micro: pushing the needle half-way in")
+    insertion, state = half_way(scenario)
+    limit = limit_of(scenario)
+    kernels: dict[str, Kernel] = {
+        **_kernels(insertion, state),
+        "limit": limit.run,
+        "limit_back_solve": limit.solve,
+        "limit_force": limit.evaluate,
+    }
+    rounds = 3 if tools.quick else ROUNDS
+    times: dict[str, list[float]] = {name: [] for name in kernels}
+    tools.say(f"micro: {rounds} rounds of {', '.join(kernels)}")
+    for _ in range(rounds):
+        for name, kernel in kernels.items():
+            times[name].append(_per_call(kernel, 1 if name == "refactor" else CALLS, tools.clock))
+    return Part(tuple(_figure(name, values) for name, values in times.items()))
+
+
+def half_way(scenario: Scenario) -> tuple[Insertion, InsertionState]:
+    """The plant with the straight needle pushed along the path's first tangent to half its length."""
+    insertion, path = Insertion(scenario), scenario.path()
+    tangent = path.first_tangent()
+    state = insertion.initial_state(tangent)
+    start = insertion.initial_base(tangent)
+    for i in range(round(DEPTH_SHARE * path.length_m / ADVANCE_M)):
+        base = Pose(start.position_m + (i + 1) * ADVANCE_M * tangent, start.rotation)
+        state = insertion.step(state, base)
+        if state.report.status is not Status.COMPLETED:
+            raise Unusable(f"step {i + 1} of the push ended as {state.report.status}: {state.report.message}")
+    return insertion, state
+
+
+def _kernels(insertion: Insertion, state: InsertionState) -> dict[str, Kernel]:
+    coupled = insertion.coupled
+    bodies, needle, right = state.bodies, insertion.needle, np.ones(insertion.tissue.unknowns)
+    columns = np.ones((insertion.tissue.unknowns, 3), np.float32, order="F")
+    rotations = coupled.blocks.rotations()
+    held = np.zeros_like(bodies.x)
+    beams = (coupled.needle_forces, coupled.diag, coupled.upper, coupled.lower)
+    return {
+        "force": lambda: coupled.blocks.evaluate(bodies.x, held),
+        "back_solve": lambda: coupled.compliance.solve(right),
+        "columns": lambda: coupled.compliance.solve(columns),
+        "w": coupled.linear_response,
+        "beams": lambda: internal(bodies.needle_x, bodies.needle_R, *needle.constants, *beams),
+        "refactor": lambda: coupled.compliance.refactor(rotations),
+    }
+
+
+def _per_call(kernel: Kernel, calls: int, clock: Clock) -> float:
+    kernel()
+    started = clock()
+    for _ in range(calls):
+        kernel()
+    return (clock() - started) / calls
+
+
+def _figure(name: str, seconds: list[float]) -> Figure:
+    notes = {
+        "columns": "back-solve of the three columns of a constraint point",
+        "w": "factor of the needle and W = H A^-1 H^T",
+        "limit": "L0",
+    }
+    return figure(f"micro.{name}_ms", "ms", [1e3 * s for s in seconds], note=notes.get(name, ""))

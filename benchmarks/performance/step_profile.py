@@ -1,0 +1,182 @@
+"""Where a step's time goes: every kernel and a few methods are wrapped from outside while one run is timed."""
+
+from __future__ import annotations
+
+import functools
+import sys
+from collections import defaultdict
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from typing import Any
+
+import numpy as np
+
+from benchmarks.builtin_scenarios import measured
+from benchmarks.measurements import Part, Table
+from benchmarks.ports import Clock, Tools
+from simcore.controllers import ifem
+from simcore.controllers import plant_model as model
+from simcore.insertion import compliance, insertion, solver
+from simcore.rollout import rollout, series
+from simcore.rollout.records import Scene, StepRecord
+from simcore.rollout.rollout import Rollout, run
+from simcore.scenario.scenario import Scenario
+
+PYTHON = "Python between the kernels"
+STAGES = {  # kernel -> stage; a kernel that is not here is listed under its own name
+    "gather_gradients": "tissue forces",
+    "rotate_and_stress": "tissue forces",
+    "finish_rotations": "tissue forces",
+    "scatter_forces": "tissue forces",
+    "rotated_stiffness_times": "tissue forces",
+    "internal": "beams: forces and tangent",
+    "factor_blocks": "beams: banded factor and solves",
+    "solve_blocks": "beams: banded factor and solves",
+    "advance": "beams: update",
+    "increments": "beams: update",
+    "needle_right_sides": "W",
+    "moved_shaft": "W",
+    "local_compliance": "W",
+    "constraint_geometry": "constraint geometry",
+    "project_inactive": "constraint geometry",
+    "inserted_rest_length": "constraint geometry",
+    "tributary_lengths": "constraint geometry",
+    "tissue_residual": "residuals",
+    "needle_residual": "residuals",
+    "staircases": "contact laws",
+    "law_residual": "contact laws",
+    "solve_laws": "contact laws",
+}
+METHODS: tuple[tuple[Any, str, str, bool], ...] = (  # owner, name, stage, whether what it calls counts as part of it
+    (compliance.Compliance, "solve", "back-solve", True),
+    (compliance.Compliance, "refactor", "refactor", True),
+    (compliance.Compliance, "sync", "compliance columns and rows", True),
+    (solver.Coupled, "_move_tissue", "tissue moves by the columns", True),
+    (insertion.Insertion, "_settle", "channel: cut, create, drop", True),
+    (ifem.InverseFemController, "command", "command", False),
+    (model, "linearise", "Jacobian", True),
+    (rollout._Loop, "_record", "record of the step", True),
+    (series.SeriesBuilder, "add", "series", True),
+)
+
+
+def profile(tools: Tools) -> Part:
+    """The share of each stage, along `line` and `sine`; the wrapped run is somewhat slower than a plain one."""
+    tables = []
+    for name in ("line", "sine"):
+        tools.say(f"profile: {name}")
+        scenario = measured(name, quick=tools.quick)
+        plain = _median_step(scenario, None, tools.clock)
+        stages = Stages(tools.clock)
+        with patched(stages):
+            wrapped = _median_step(scenario, stages, tools.clock)
+        title = f"One step along {name}; looking at it makes it {wrapped / plain:.2f} times as long"
+        tables.append(stages.table(title, scenario.steps))
+    text = "\n".join(f"### {table.title}\n\n{table.markdown()}" for table in tables)
+    return Part((), tuple(tables), {"profile.md": text})
+
+
+class Stages:
+    """Time by stage; a stage that calls another is not charged for it, unless it is `whole`."""
+
+    def __init__(self, clock: Clock) -> None:
+        self.clock = clock
+        self.seconds: dict[str, float] = defaultdict(float)
+        self.calls: dict[str, int] = defaultdict(int)
+        self.total_s = 0.0
+        self._inner: list[float] = []
+        self._whole = False
+
+    def clear(self) -> None:
+        """Forget what was before the first step."""
+        self.seconds.clear()
+        self.calls.clear()
+        self._inner.clear()
+
+    def wrap(self, stage: str, function: Callable[..., Any], whole: bool) -> Callable[..., Any]:
+        """The function, timed."""
+
+        @functools.wraps(function)
+        def timed(*args: Any, **kwargs: Any) -> Any:
+            if self._whole:
+                return function(*args, **kwargs)
+            started, self._whole = self.clock(), whole
+            self._inner.append(0.0)
+            try:
+                return function(*args, **kwargs)
+            finally:
+                self._whole = False
+                elapsed = self.clock() - started
+                self.seconds[stage] += elapsed - self._inner.pop()
+                self.calls[stage] += 1
+                if self._inner:
+                    self._inner[-1] += elapsed
+
+        return timed
+
+    def table(self, title: str, steps: int) -> Table:
+        """Largest share first; what is in no stage is Python."""
+        rest = self.total_s - sum(self.seconds.values())
+        rows = [(stage, self.calls[stage] / steps, s) for stage, s in self.seconds.items()] + [(PYTHON, None, rest)]
+        rows.sort(key=lambda row: -row[2])
+        return Table(
+            title,
+            ("stage", "calls a step", "ms a step", "share %"),
+            tuple((stage, calls, 1e3 * s / steps, 100.0 * s / self.total_s) for stage, calls, s in rows),
+        )
+
+
+class _Watch:
+    """Observer: time of each step; everything before the first is forgotten."""
+
+    def __init__(self, stages: Stages | None, clock: Clock) -> None:
+        self.stages, self.clock, self.steps_s = stages, clock, list[float]()
+
+    def begin(self, scene: Scene, first: StepRecord) -> None:
+        if self.stages is not None:
+            self.stages.clear()
+        self.left = self.clock()
+
+    def step(self, record: StepRecord) -> None:
+        now = self.clock()
+        self.steps_s.append(now - self.left)
+        self.left = now
+
+    def end(self, rollout: Rollout) -> None:
+        if self.stages is not None:
+            self.stages.total_s = float(np.sum(self.steps_s))
+
+
+def _median_step(scenario: Scenario, stages: Stages | None, clock: Clock) -> float:
+    watch = _Watch(stages, clock)
+    run(scenario, watch)
+    return float(np.median(watch.steps_s))
+
+
+@contextmanager
+def patched(stages: Stages) -> Iterator[None]:
+    """Every compiled kernel in the modules of simcore, and METHODS, replaced by timed ones while the context is open.
+
+    Kernels must be compiled before: one that is compiled meanwhile would find a wrapper where it looks for a kernel.
+    """
+    undo: list[tuple[Any, str, Any]] = []
+    wrapped: dict[int, Callable[..., Any]] = {}
+    try:
+        for owner, name, stage, whole in METHODS:
+            if hasattr(owner, name):
+                _replace(owner, name, stages.wrap(stage, getattr(owner, name), whole), undo)
+        for module in [m for name, m in sys.modules.items() if name.startswith("simcore.")]:
+            for name, value in list(vars(module).items()):
+                if hasattr(value, "py_func") and hasattr(value, "signatures"):
+                    stage = STAGES.get(value.__name__, value.__name__)
+                    timed = wrapped.setdefault(id(value), stages.wrap(stage, value, False))
+                    _replace(module, name, timed, undo)
+        yield
+    finally:
+        for owner, name, original in reversed(undo):
+            setattr(owner, name, original)
+
+
+def _replace(owner: Any, name: str, value: Any, undo: list[tuple[Any, str, Any]]) -> None:
+    undo.append((owner, name, getattr(owner, name)))
+    setattr(owner, name, value)

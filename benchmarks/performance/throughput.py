@@ -1,0 +1,29 @@
+"""Two jobs at once on two cores against the same two one after the other, through warm worker processes."""
+
+from __future__ import annotations
+
+from benchmarks.builtin_scenarios import measured
+from benchmarks.measurements import Part, figure
+from benchmarks.ports import Tools
+
+ROUNDS = 5
+
+
+def throughput(tools: Tools) -> Part:
+    """Two equal jobs: a worker does both, then each of two workers does one; recorded as every job is."""
+    jobs = [measured("sine", quick=tools.quick)] * 2
+    alone, at_once = [], []
+    with tools.crew(2) as crew:
+        crew.seconds([jobs[:1], jobs[1:]])  # files and both processes are warm now
+        for number in range(tools.rounds(ROUNDS)):
+            tools.say(f"throughput: round {number + 1} of {tools.rounds(ROUNDS)}")
+            alone.append(crew.seconds([jobs, []] if number % 2 == 0 else [[], jobs]))
+            at_once.append(crew.seconds([jobs[:1], jobs[1:]]))
+    ratios = [one / two for one, two in zip(alone, at_once, strict=True)]
+    return Part(
+        (
+            figure("throughput.two_over_one", "x", ratios, better="higher"),
+            figure("throughput.one_after_other_s", "s", alone),
+            figure("throughput.at_once_s", "s", at_once),
+        )
+    )

@@ -1,0 +1,54 @@
+"""What the suites need and must not know: processes, the recorder, files. The command line hands them in."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Sequence
+from contextlib import AbstractContextManager
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Protocol
+
+from benchmarks.observed_run import Observed
+from simcore.rollout.records import Observer
+from simcore.scenario.scenario import Scenario
+
+Clock = Callable[[], float]
+
+
+class Recording(Protocol):
+    """A recorder for one run, open."""
+
+    def __enter__(self) -> Observer: ...
+    def __exit__(self, *error: Any) -> bool | None: ...
+
+
+class Crew(Protocol):
+    """Warm worker processes."""
+
+    def seconds(self, batches: Sequence[Sequence[Scenario]]) -> float:
+        """Wall time until each worker has done its batch, one scenario after the other, all workers at once."""
+
+    def run_many(self, scenarios: Sequence[Scenario]) -> list[Observed]:
+        """Run all, two at a time; results in the order of the scenarios."""
+
+
+@dataclass(frozen=True)
+class Tools:
+    """What is handed in.
+
+    say: progress, one line. recorder: opens a recording at a path. recorder_name: the same, as `module:function`, for a
+    process of its own. crew: so many workers while the context is open. folder: where scratch files may be.
+    """
+
+    say: Callable[[str], None]
+    recorder: Callable[[Path], Recording]
+    recorder_name: str
+    crew: Callable[[int], AbstractContextManager[Crew]]
+    folder: Path
+    clock: Clock = time.perf_counter
+    quick: bool = False
+
+    def rounds(self, full: int) -> int:
+        """How often a measurement is repeated."""
+        return 1 if self.quick else full

@@ -1,0 +1,71 @@
+"""needlebench: reproducible benchmarks for robotic needle steering in deforming tissue.
+
+    from needlebench import Scenario, run
+    rollout = run(Scenario.load({"tissue": {"young_kpa": 3.0}}))
+
+    from needlebench import Client
+    with Client("http://127.0.0.1:8321") as client:
+        job = client.wait(client.submit("demo").id)
+
+A controller of one's own: `needlebench example controller`.
+
+One thread is asked of every numeric library unless the environment says otherwise: results are then the same
+whatever else the machine does. To be in time, import this before numpy.
+"""
+
+from __future__ import annotations
+
+import importlib
+import os
+from typing import TYPE_CHECKING, Any
+
+from service.blas_threads import THREAD_VARIABLES
+from service.version import installed_version
+
+for _name in THREAD_VARIABLES:
+    os.environ.setdefault(_name, "1")
+
+if TYPE_CHECKING:
+    from service.client.client import Client
+    from simcore.controllers import Controller, Observation
+    from simcore.insertion.insertion import Pose, rotation_towards
+    from simcore.plugins import register_controller
+    from simcore.rollout.rollout import run
+    from simcore.scenario.scenario import Scenario
+
+__version__ = installed_version()
+__all__ = [
+    "Client",
+    "Controller",
+    "Observation",
+    "Pose",
+    "Scenario",
+    "__version__",
+    "register_controller",
+    "rotation_towards",
+    "run",
+]
+
+_HOMES = {
+    "Client": "service.client.client",
+    "Controller": "simcore.controllers",
+    "Observation": "simcore.controllers",
+    "Pose": "simcore.insertion.insertion",
+    "Scenario": "simcore.scenario.scenario",
+    "register_controller": "simcore.plugins",
+    "rotation_towards": "simcore.insertion.insertion",
+    "run": "simcore.rollout.rollout",
+}
+
+
+def __getattr__(name: str) -> Any:
+    """Import on first use: the kernels and the HTTP client are not needed by those who do not ask for them."""
+    if name not in _HOMES:
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    value = getattr(importlib.import_module(_HOMES[name]), name)
+    globals()[name] = value
+    return value
+
+
+def __dir__() -> list[str]:
+    return sorted(__all__)

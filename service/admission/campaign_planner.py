@@ -1,0 +1,128 @@
+"""From a request to a campaign: the suite or grid that it names, its jobs, and what they will cost."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from typing import Annotated, Any
+
+from pydantic import BaseModel, ConfigDict, Field, StringConstraints, model_validator
+
+from benchmarks.cases import Case, Suite
+from benchmarks.grid.suite import grid
+from benchmarks.paper.suites import suite
+from service.admission.cost import Cost, check_cost, time_limit_s
+from service.api.idempotency import content_hash
+from service.api.schemas.jobs import TIME_LIMIT, TimeLimit
+from service.files.upload_names import UploadLookup
+from service.limits import Limits
+from service.store.campaign import CampaignPlan, PlannedJob
+from simcore.errors import Problem, ScenarioError
+from simcore.file_names import names_mean
+from simcore.scenario.presets import start
+from simcore.scenario.scenario import Scenario
+
+LOW_PRIORITY = -10  # single jobs, which somebody waits for, go first
+
+
+class CampaignRequest(BaseModel):
+    """What a campaign runs: a named suite, or a grid over a scenario."""
+
+    model_config = ConfigDict(
+        extra="forbid",
+        json_schema_extra={
+            "examples": [
+                {"suite": "lin100-v1-smoke"},
+                {
+                    "name": "gain and stiffness",
+                    "scenario": "line",
+                    "grid": {"controller.gain": [0.5, 1.0], "tissue.young_kpa": [3.0, 6.3], "seed": [0, 1]},
+                },
+            ]
+        },
+    )
+
+    name: Annotated[str, StringConstraints(min_length=1, max_length=100)] | None = Field(
+        None, description="What lists call it; default: the suite's name, or grid."
+    )
+    suite: Annotated[str, StringConstraints(min_length=1, max_length=100)] | None = Field(
+        None, description="Name of a suite, as /api/v1/suites lists them."
+    )
+    model: Annotated[str, StringConstraints(min_length=1, max_length=200)] = Field(
+        "default", description="Model of the suite's learned controllers: default, or artefact:ID of an upload."
+    )
+    scenario: dict[str, Any] | str | None = Field(
+        None, description="Scenario under the grid, or the name of a built-in one; default: all defaults."
+    )
+    grid: dict[str, list[Any]] | None = Field(
+        None, description="Dotted path of a scenario field -> its values; every combination is a job."
+    )
+    priority: Annotated[int, Field(strict=True, ge=-100, le=100)] = Field(
+        LOW_PRIORITY, description="Of each job; higher runs first. Single jobs have 0 by default."
+    )
+    timeout_s: TimeLimit | None = Field(None, description=f"Of each job. {TIME_LIMIT}")
+
+    @model_validator(mode="after")
+    def _one_of_both(self) -> CampaignRequest:
+        if (self.suite is None) == (self.grid is None):
+            raise ValueError("must have either suite or grid")
+        if self.suite is not None and self.scenario is not None:
+            raise ValueError("has a scenario, which belongs to a grid; a suite brings its own")
+        return self
+
+
+def suite_of(request: CampaignRequest) -> Suite:
+    """The cases that were asked for. Raises ScenarioError."""
+    if request.suite is not None:
+        return suite(request.suite, model=request.model)
+    base = request.scenario or {}
+    data = start(base) if isinstance(base, str) else base
+    return grid(data, request.grid or {}, name=request.name or "grid")
+
+
+@dataclass(frozen=True)
+class Planner:
+    """Makes campaigns of requests. lookup: gives what the names of files in scenarios mean; limits: of each job."""
+
+    lookup: Callable[[], UploadLookup]
+    limits: Limits
+
+    def plan(self, request: CampaignRequest) -> CampaignPlan:
+        """The campaign with all of its jobs. Raises ScenarioError, also for a job that would cost too much."""
+        with names_mean(lookup := self.lookup()):
+            made = _planned(request, self.limits)
+        return replace(made, uploads=tuple(sorted(lookup.used)))
+
+    def of_stored(self, request: dict[str, Any]) -> CampaignPlan:
+        """The campaign of a stored request. Raises ScenarioError."""
+        return self.plan(CampaignRequest.model_validate(request))
+
+
+def _planned(request: CampaignRequest, limits: Limits) -> CampaignPlan:
+    cases = suite_of(request)
+    if not cases.cases:
+        raise ScenarioError([Problem("suite", cases.name, "has no cases")])
+    jobs, costs = zip(*(_job(case, limits) for case in cases.cases), strict=True)
+    return CampaignPlan(
+        name=request.name or cases.name,
+        request=request.model_dump(mode="json", exclude_defaults=True),
+        suite=cases.name,
+        suite_sha256=cases.sha256,
+        priority=request.priority,
+        timeout_s=time_limit_s(request.timeout_s, *costs),
+        jobs=jobs,
+    )
+
+
+def _job(case: Case, limits: Limits) -> tuple[PlannedJob, Cost]:
+    scenario = Scenario.load(case.scenario)
+    cost = check_cost(scenario, limits)
+    job = PlannedJob(
+        case_id=case.id,
+        labels=case.labels,
+        name=case.id[:100],
+        spec={"scenario": case.scenario},
+        spec_hash=content_hash(case.scenario),
+        steps=scenario.steps,
+    )
+    return job, cost

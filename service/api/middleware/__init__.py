@@ -1,0 +1,1 @@
+"""What every request passes through, outermost first in `service.app`. Plain ASGI layers."""

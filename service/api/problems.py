@@ -1,0 +1,221 @@
+"""Every error of the HTTP surface in one shape: RFC 9457 problem details."""
+
+from __future__ import annotations
+
+import http
+import json
+import math
+from collections.abc import Callable, Mapping
+from typing import Any
+
+from fastapi import FastAPI, Request
+from fastapi.exceptions import RequestValidationError
+from sqlalchemy.exc import OperationalError
+from starlette.exceptions import HTTPException
+from starlette.responses import Response
+
+from service.store.campaign import CampaignActive, UnknownCampaign
+from service.store.job import IllegalTransition, InputGone, KeyReused, QueueFull, UnknownJob, UploadGone
+from service.store.schedule import ScheduleChanged, ScheduleExists, UnknownSchedule
+from simcore.errors import Problem, ScenarioError
+
+MEDIA_TYPE = "application/problem+json"
+_NO_PAGES = ("/api/", "/recordings/", "/static/", "/viewer/")
+_SHOWN = 200  # characters of an offending value that are echoed
+
+
+class HttpProblem(Exception):
+    """An error that becomes a response; `errors` names each wrong field, its value and the allowed range."""
+
+    def __init__(
+        self,
+        status: int,
+        detail: str,
+        *,
+        errors: list[Problem] | None = None,
+        headers: Mapping[str, str] | None = None,
+        more: Mapping[str, Any] | None = None,
+    ) -> None:
+        self.status, self.detail, self.errors, self.headers, self.more = status, detail, errors, headers, more
+        super().__init__(detail)
+
+
+def problem_response(
+    status: int,
+    detail: str,
+    *,
+    instance: str | None = None,
+    errors: list[Problem] | None = None,
+    headers: Mapping[str, str] | None = None,
+    more: Mapping[str, Any] | None = None,
+) -> Response:
+    """The response of an error, with `more` members. ASCII only: no broken text of a request can break it."""
+    body: dict[str, Any] = {"type": "about:blank", "title": _title(status), "status": status, "detail": detail}
+    if instance is not None:
+        body["instance"] = instance
+    if errors is not None:
+        body["errors"] = [{"field": item.field, "value": shown(item.value), "message": item.message} for item in errors]
+    body |= more or {}
+    content = json.dumps(body, allow_nan=False)
+    return Response(content, status_code=status, media_type=MEDIA_TYPE, headers=dict(headers or {}))
+
+
+def shown(value: Any) -> Any:
+    """A value fit for echoing: JSON, finite, and cut when it is long."""
+    if value is None or isinstance(value, bool):
+        return value
+    if isinstance(value, float) and not math.isfinite(value):
+        return repr(value)
+    if isinstance(value, int | float):
+        return value if abs(value) < 1e300 else repr(value)[:_SHOWN]
+    text = value if isinstance(value, str) else _json(value)
+    return text if len(text) <= _SHOWN else f"{text[: _SHOWN - 3]}..."
+
+
+def _json(value: Any) -> str:
+    try:
+        return json.dumps(value)
+    except (TypeError, ValueError, RecursionError):
+        return type(value).__name__
+
+
+def _title(status: int) -> str:
+    try:
+        return http.HTTPStatus(status).phrase
+    except ValueError:
+        return "Error"
+
+
+def install(app: FastAPI, *, page: Callable[[Request, int, str, str], Response] | None = None) -> None:
+    """Map every exception, the framework's own included, to a problem.
+
+    page: makes the page (of request, status, title, detail) that a browser gets at the address of a page.
+    """
+    app.state.problem_page = page
+    app.add_exception_handler(HttpProblem, _on_problem)
+    app.add_exception_handler(HTTPException, _on_http)
+    app.add_exception_handler(RequestValidationError, _on_request)
+    app.add_exception_handler(ScenarioError, _on_scenario)
+    for unknown in (UnknownJob, UnknownCampaign, UnknownSchedule):
+        app.add_exception_handler(unknown, on_unknown)
+    for conflict in (IllegalTransition, CampaignActive, ScheduleExists):
+        app.add_exception_handler(conflict, on_conflict)
+    app.add_exception_handler(ScheduleChanged, _on_stale)
+    app.add_exception_handler(KeyReused, _on_key)
+    app.add_exception_handler(QueueFull, _on_full)
+    app.add_exception_handler(UploadGone, _on_gone)
+    app.add_exception_handler(InputGone, _on_input_gone)
+    app.add_exception_handler(OperationalError, database_refusal)
+    app.add_exception_handler(Exception, _on_crash)
+
+
+def _reply(request: Request, status: int, detail: str, **more: Any) -> Response:
+    path = request.url.path
+    page = getattr(request.app.state, "problem_page", None)
+    if page is None or not _is_page(request.method, path, request.headers.get("accept", "")):
+        return problem_response(status, detail, instance=path, **more)
+    response: Response = page(request, status, _title(status), detail)
+    response.headers.update(more.get("headers") or {})
+    return response
+
+
+def _is_page(method: str, path: str, accept: str) -> bool:
+    """Whether somebody looks at this address with a browser."""
+    return method == "GET" and "text/html" in accept and not path.startswith(_NO_PAGES)
+
+
+def _on_problem(request: Request, error: Exception) -> Response:
+    assert isinstance(error, HttpProblem)
+    return _reply(request, error.status, error.detail, errors=error.errors, headers=error.headers, more=error.more)
+
+
+def _on_http(request: Request, error: Exception) -> Response:
+    assert isinstance(error, HTTPException)
+    detail = str(error.detail)
+    if error.status_code == 404 and detail == "Not Found":
+        detail = "there is nothing at this address"
+    if error.status_code == 405:
+        detail = f"{request.method} is not possible here"
+    headers = dict(error.headers or {})
+    if "GET" in (allowed := headers.get("Allow", "").split(", ")):
+        headers["Allow"] = ", ".join(dict.fromkeys([*allowed, "HEAD"]))
+    return _reply(request, error.status_code, detail, headers=headers)
+
+
+def _on_request(request: Request, error: Exception) -> Response:
+    assert isinstance(error, RequestValidationError)
+    found = error.errors()
+    broken = next((item for item in found if item["type"] == "json_invalid"), None)
+    if broken is not None:
+        return _reply(request, 400, f"the body is not JSON: {broken.get('ctx', {}).get('error', broken['msg'])}")
+    media_type = request.headers.get("content-type", "").partition(";")[0].strip().lower()
+    if any(item["loc"] == ("body",) for item in found) and not media_type.endswith("json"):
+        return _reply(request, 415, f"the body must be application/json, not {media_type[:100] or 'untyped'}")
+    errors = [Problem(_field(item["loc"]), item.get("input"), _message(item)) for item in found]
+    return _reply(request, 422, "; ".join(f"{item.field}: {item.message}" for item in errors), errors=errors)
+
+
+def _field(loc: tuple[Any, ...]) -> str:
+    """Where a value stood: the name within the body, or the name of a parameter."""
+    names = [str(part) for part in (loc[1:] if len(loc) > 1 else loc)]
+    return ".".join(names)
+
+
+def _message(item: Any) -> str:
+    if item["type"] == "extra_forbidden":
+        return "unknown field"
+    return str(item["msg"]).replace("Input should", "should").removeprefix("Value error, ")
+
+
+def _on_scenario(request: Request, error: Exception) -> Response:
+    assert isinstance(error, ScenarioError)
+    detail = "the scenario cannot be run: " + "; ".join(f"{p.field}: {p.message}" for p in error.problems)
+    return _reply(request, 422, detail, errors=error.problems)
+
+
+def on_unknown(request: Request, error: Exception) -> Response:
+    """404, with what the error says."""
+    return _reply(request, 404, str(error))
+
+
+def on_conflict(request: Request, error: Exception) -> Response:
+    """409, with what the error says."""
+    return _reply(request, 409, str(error))
+
+
+def _on_stale(request: Request, error: Exception) -> Response:
+    return _reply(request, 412, str(error))
+
+
+def on_no_room(request: Request, error: Exception) -> Response:
+    """507, with what the error says."""
+    return _reply(request, 507, str(error))
+
+
+def _on_key(request: Request, error: Exception) -> Response:
+    field = Problem("Idempotency-Key", request.headers.get("idempotency-key"), str(error))
+    return _reply(request, 422, str(error), errors=[field])
+
+
+def _on_full(request: Request, error: Exception) -> Response:
+    return _reply(request, 429, f"{error}; try again later", headers={"Retry-After": "10"})
+
+
+def _on_gone(request: Request, error: Exception) -> Response:
+    assert isinstance(error, UploadGone)
+    return _reply(request, 422, str(error), errors=error.problems)
+
+
+def _on_input_gone(request: Request, error: Exception) -> Response:
+    assert isinstance(error, InputGone)
+    return _reply(request, 409, str(error), errors=error.problems)
+
+
+def database_refusal(request: Request, error: Exception) -> Response:
+    """A full disk, a locked database, a data folder that became read-only: not now, and nothing was changed."""
+    assert isinstance(error, OperationalError)
+    return _reply(request, 503, f"the database refuses: {error.orig}", headers={"Retry-After": "10"})
+
+
+def _on_crash(request: Request, error: Exception) -> Response:
+    return _reply(request, 500, "an error of the server; its log has the details")

@@ -1,0 +1,171 @@
+"""What happens to jobs, as it happens: a stream of server-sent events that can be resumed, or a list.
+
+The log of a job holds its changes of state. Progress is told in the stream only, without a number: who comes back
+with the number of the last event gets each later change of state once, and the progress of now.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import json
+from collections.abc import AsyncIterator
+from typing import Annotated, Any
+
+from fastapi import APIRouter, Header, Query, Request, Response
+from fastapi.sse import KEEPALIVE_COMMENT, EventSourceResponse, format_sse_event
+from starlette.concurrency import run_in_threadpool
+
+from service.api.context import JobId, Service, ServiceOf, documented
+from service.api.schemas.jobs import EventList, EventView, Progress
+from service.engine.change_notifier import EVERYTHING
+from service.store.job import RUNNING, TERMINAL, Event, Job
+
+router = APIRouter(prefix="/api/v1", tags=["events"])
+
+STREAM = "text/event-stream"
+KEEP_ALIVE_S = 10.0
+_RETRY_MS = 1000  # what a browser waits before it connects again
+_BATCH = 200
+
+After = Annotated[int | None, Query(ge=0, le=2**62, description="Only events after this number.")]
+LastEventId = Annotated[
+    str | None,
+    Header(alias="Last-Event-ID", pattern="^[0-9]{1,18}$", description="As `after`; browsers send it by themselves."),
+]
+_BOTH: dict[int | str, dict[str, Any]] = {
+    200: {
+        "description": "A list; with `Accept: text/event-stream` a stream.",
+        "content": {STREAM: {"schema": {"type": "string"}}},
+    }
+}
+_NO_MORE: dict[int | str, dict[str, Any]] = {204: {"description": "The job has ended and all was told."}}
+
+
+@router.get(
+    "/jobs/{job_id}/events",
+    operation_id="get_job_events",
+    summary="What happens to a job",
+    response_model=EventList,
+    responses={**_BOTH, **_NO_MORE, **documented(404)},
+)
+async def get_job_events(
+    job_id: JobId,
+    service: ServiceOf,
+    request: Request,
+    after: After = None,
+    last_event_id: LastEventId = None,
+    accept: Annotated[str | None, Header()] = None,
+) -> Response:
+    """Kinds: queued, started, progress, requeued, crashed, cancel_requested, succeeded, failed, cancelled, timed_out.
+
+    As a stream it ends after the event that ends the job. Progress comes at most twice a second and has no id.
+    """
+    job = await run_in_threadpool(service.store.glance, job_id)
+    known = int(last_event_id) if last_event_id is not None else after or 0
+    if not _streams(accept):
+        return await _listed(service, job_id, known)
+    if job.terminal and last_event_id is not None:
+        if not await run_in_threadpool(service.store.events, job_id, after=known, limit=1):
+            return Response(status_code=204)  # tells a browser to stop connecting again
+    return _stream(service, request, job_id, known)
+
+
+@router.get(
+    "/events",
+    operation_id="get_events",
+    summary="What happens to all jobs",
+    response_model=EventList,
+    responses={**_BOTH, **documented()},
+)
+async def get_events(
+    service: ServiceOf,
+    request: Request,
+    after: After = None,
+    last_event_id: LastEventId = None,
+    accept: Annotated[str | None, Header()] = None,
+) -> Response:
+    """Of every job, those submitted later included; a stream without `after` begins with what happens from now on."""
+    known = int(last_event_id) if last_event_id is not None else after
+    if not _streams(accept):
+        return await _listed(service, None, known or 0)
+    if known is None:
+        known = await run_in_threadpool(service.store.last_event)
+    return _stream(service, request, None, known)
+
+
+def _streams(accept: str | None) -> bool:
+    return STREAM in (accept or "").lower()
+
+
+async def _listed(service: Service, job_id: str | None, after: int) -> Response:
+    found = await run_in_threadpool(service.store.events, job_id, after=after)
+    listed = EventList(items=[EventView.of(event) for event in found])
+    return Response(listed.model_dump_json(), media_type="application/json")
+
+
+def _stream(service: Service, request: Request, job_id: str | None, after: int) -> Response:
+    headers = {"Cache-Control": "no-store", "X-Accel-Buffering": "no"}
+    return EventSourceResponse(_told(service, request, job_id, after), headers=headers)
+
+
+async def _told(service: Service, request: Request, job_id: str | None, after: int) -> AsyncIterator[bytes]:
+    """The events after number `after` and the progress between them, until there will be no more of them."""
+    versions: dict[str, int] = {}  # of the progress told last
+    yield format_sse_event(comment="needlebench", retry=_RETRY_MS)
+    with service.changes.watch(job_id or EVERYTHING) as changed:
+        while True:
+            changed.clear()
+            news, running = await run_in_threadpool(_news, service, job_id, after)
+            for event in news:
+                after = event.seq
+                yield _event(event)
+                if job_id is not None and await _is_last(service, event):
+                    return
+            if len(news) == _BATCH:
+                continue
+            for job in _advanced(running, versions):
+                yield _progress(job)
+            if service.changes.closed or await request.is_disconnected():
+                return
+            try:
+                await asyncio.wait_for(changed.wait(), KEEP_ALIVE_S)
+            except TimeoutError:
+                yield KEEPALIVE_COMMENT
+
+
+def _advanced(running: list[Job], versions: dict[str, int]) -> list[Job]:
+    """Those with other progress than in `versions`, which becomes that of these jobs: a stream outlives many jobs."""
+    begun = {job.id: job for job in running if job.progress}
+    news = [job for job in begun.values() if versions.get(job.id) != job.version]
+    versions.clear()
+    versions.update((job.id, job.version) for job in begun.values())
+    return news
+
+
+def _news(service: Service, job_id: str | None, after: int) -> tuple[list[Event], list[Job]]:
+    """Later events, and the jobs that run now."""
+    if job_id is None:
+        running = service.store.newest(state=RUNNING)
+    else:
+        running = [job for job in service.store.having(job_id) if job.state == RUNNING]
+    return service.store.events(job_id, after=after, limit=_BATCH), running
+
+
+async def _is_last(service: Service, event: Event) -> bool:
+    """Whether this event ended the job for good: it was not queued again since."""
+    if event.kind == "deleted":
+        return True
+    if event.kind not in TERMINAL:
+        return False
+    later = await run_in_threadpool(service.store.events, event.job_id, after=event.seq)
+    return not any(one.kind not in ("pinned", "unpinned") for one in later)
+
+
+def _event(event: Event) -> bytes:
+    view = EventView.of(event)
+    return format_sse_event(event=event.kind, id=str(event.seq), data_str=view.model_dump_json())
+
+
+def _progress(job: Job) -> bytes:
+    data = {"job": job.id, "attempt": job.attempt, **Progress.of(job).model_dump()}
+    return format_sse_event(event="progress", data_str=json.dumps(data, allow_nan=False))

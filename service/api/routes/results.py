@@ -1,0 +1,227 @@
+"""Routes of what a job leaves behind: metrics, series, files, recording."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import AsyncIterator
+from dataclasses import replace
+from pathlib import Path
+from typing import Annotated, Literal
+
+from fastapi import APIRouter, Header, Query, Request, Response
+from starlette.concurrency import run_in_threadpool
+from starlette.responses import FileResponse, PlainTextResponse, StreamingResponse
+
+from service.api.context import JobId, Service, ServiceOf, documented, matches
+from service.api.file_tail import tail
+from service.api.problems import HttpProblem
+from service.api.schemas.jobs import ArtefactList, ArtefactView, MetricsView
+from service.files import series_formats as series
+from service.logs import LOG
+from service.store.job import INSERTION, SUCCEEDED, Artefact, Job
+from simcore.errors import Problem
+
+router = APIRouter()
+
+_JOB = "/api/v1/jobs/{job_id}"
+_BINARY = {"schema": {"type": "string", "format": "binary"}}
+_LOG_BYTES = 2**20
+RRD = "application/vnd.rerun.rrd"
+NPZ = "application/x-npz"
+_FORMATS = {"application/json": "json", "text/csv": "csv", NPZ: "npz", "application/octet-stream": "npz"}
+
+
+@router.get(
+    f"{_JOB}/metrics",
+    operation_id="get_metrics",
+    summary="Metrics of a finished job",
+    tags=["results"],
+    responses=documented(404, 409),
+)
+def get_metrics(job_id: JobId, service: ServiceOf) -> MetricsView:
+    """Accuracy, forces, timing and digest."""
+    job = _finished(service.store.get(job_id))
+    result = job.result or {}
+    return MetricsView(
+        job=job.id,
+        status=result.get("status"),
+        metrics=result.get("metrics") or {},
+        timing=result.get("timing"),
+        digest=result.get("digest"),
+    )
+
+
+@router.get(
+    f"{_JOB}/series",
+    operation_id="get_series",
+    summary="State series of a finished job",
+    tags=["results"],
+    response_class=Response,
+    responses={
+        200: {
+            "description": "One row a step, row 0 the initial state; SI units, world frame.",
+            "content": {
+                "application/json": {"schema": {"type": "object"}},
+                "text/csv": {"schema": {"type": "string"}},
+                NPZ: _BINARY,
+            },
+        },
+        **documented(400, 404, 409, 416),
+    },
+)
+def get_series(
+    job_id: JobId,
+    service: ServiceOf,
+    format: Annotated[Literal["json", "csv", "npz"] | None, Query(description="Default: by Accept, else json.")] = None,
+    names: Annotated[
+        str | None,
+        Query(max_length=2000, description="Comma-separated arrays; default: all that have one row a step."),
+    ] = None,
+    accept: Annotated[str | None, Header()] = None,
+) -> Response:
+    """As JSON or CSV the arrays with one row a step; as npz the whole file, tissue frames included."""
+    _finished(service.store.glance(job_id))
+    artefact = _artefact(service, job_id, "series.npz")
+    path = _path(service, artefact)
+    wanted = format or _accepted(accept)
+    if wanted == "npz":
+        return FileResponse(path, media_type=NPZ, filename=f"{job_id}-series.npz", headers=_tag(artefact))
+    try:
+        arrays = series.load(path, names.split(",") if names else None)
+        if wanted == "csv":
+            return Response(series.as_csv(arrays), media_type="text/csv")
+        return Response(series.as_json(arrays), media_type="application/json")
+    except ValueError as error:
+        raise HttpProblem(422, str(error), errors=[Problem("names", names, str(error))]) from None
+
+
+def _accepted(accept: str | None) -> str:
+    """The first format that an Accept header names."""
+    for item in (accept or "").split(","):
+        media_type = item.partition(";")[0].strip().lower()
+        if media_type in _FORMATS:
+            return _FORMATS[media_type]
+    return "json"
+
+
+@router.get(
+    f"{_JOB}/artefacts",
+    operation_id="list_artefacts",
+    summary="Files of a job",
+    tags=["results"],
+    responses=documented(404),
+)
+def list_artefacts(job_id: JobId, service: ServiceOf) -> ArtefactList:
+    """Name, size and SHA-256 of each."""
+    service.store.glance(job_id)
+    return ArtefactList(items=[ArtefactView.of(job_id, item) for item in service.store.artefacts(job_id)])
+
+
+@router.get(
+    f"{_JOB}/artefacts/{{name}}",
+    operation_id="get_artefact",
+    summary="One file of a job",
+    tags=["results"],
+    response_class=FileResponse,
+    responses={200: {"content": {"application/octet-stream": _BINARY}}, **documented(400, 404, 416)},
+)
+def get_artefact(job_id: JobId, name: str, service: ServiceOf) -> Response:
+    """The file as the job wrote it; only names in the list of artefacts are known."""
+    service.store.glance(job_id)
+    artefact = _artefact(service, job_id, name)
+    media_type = "application/json" if artefact.name.endswith(".json") else "application/octet-stream"
+    path = _path(service, artefact)
+    return FileResponse(path, media_type=media_type, filename=artefact.name, headers=_tag(artefact))
+
+
+@router.get(
+    f"{_JOB}/log",
+    operation_id="get_log",
+    summary="What a job logged",
+    tags=["results"],
+    response_class=PlainTextResponse,
+    responses={200: {"content": {"text/plain": {"schema": {"type": "string"}}}}, **documented(404)},
+)
+def get_log(
+    job_id: JobId,
+    service: ServiceOf,
+    attempt: Annotated[int | None, Query(ge=1, le=10**6, description="Default: the last one.")] = None,
+) -> Response:
+    """The lines that an attempt has logged, warned and printed so far; of a long log the last megabyte."""
+    job = service.store.glance(job_id)
+    wanted = replace(job, attempt=attempt or job.attempt)
+    try:
+        with (service.settings.data / wanted.folder / LOG).open("rb") as file:
+            file.seek(max(0, file.seek(0, os.SEEK_END) - _LOG_BYTES))
+            text = file.read(_LOG_BYTES)
+    except OSError:
+        raise HttpProblem(404, f"attempt {wanted.attempt} of job {job_id} has left no log") from None
+    return PlainTextResponse(text.decode(errors="replace"), headers={"Cache-Control": "no-cache"})
+
+
+@router.get(
+    "/recordings/{job_id}.rrd",
+    operation_id="get_recording",
+    summary="Rerun recording of a job",
+    tags=["results"],
+    response_class=Response,
+    responses={
+        200: {"description": "The whole file, or a running job's as it grows.", "content": {RRD: _BINARY}},
+        206: {"description": "A range of a complete file.", "content": {RRD: _BINARY}},
+        304: {"description": "Not changed."},
+        **documented(400, 404, 416),
+    },
+)
+async def get_recording(
+    job_id: JobId,
+    service: ServiceOf,
+    request: Request,
+    if_none_match: Annotated[str | None, Header()] = None,
+) -> Response:
+    """The complete file once the job has ended; before that one response that follows the growing file and ends
+    with the job. Open either in the Rerun viewer."""
+    job = await run_in_threadpool(service.store.get, job_id)
+    if job.kind != INSERTION:
+        raise HttpProblem(404, f"job {job_id} is a {job.kind}: there is nothing to record")
+    if not (job.spec or {})["scenario"]["recording"]["enabled"]:
+        raise HttpProblem(404, f"job {job_id} was submitted with recording.enabled = false")
+    if not job.terminal:
+        return StreamingResponse(_live(service, request, job), media_type=RRD, headers={"Cache-Control": "no-store"})
+    artefact = await run_in_threadpool(_artefact, service, job_id, "recording.rrd")
+    if matches(if_none_match, _tag(artefact)["ETag"]):
+        return Response(status_code=304, headers=_tag(artefact))
+    return FileResponse(_path(service, artefact), media_type=RRD, headers=_tag(artefact))
+
+
+def _live(service: Service, request: Request, job: Job) -> AsyncIterator[bytes]:
+    def folder_of(now: Job) -> Path:
+        return service.settings.data / now.folder / "recording.rrd"
+
+    return tail(service, request, job, folder_of)
+
+
+def _finished(job: Job) -> Job:
+    """The job, if it has a result."""
+    if job.state == SUCCEEDED:
+        return job
+    if job.terminal:
+        raise HttpProblem(404, f"job {job.id} is {job.state}: it has no result")
+    raise HttpProblem(409, f"job {job.id} is {job.state}: it has no result yet", headers={"Retry-After": "1"})
+
+
+def _artefact(service: Service, job_id: str, name: str) -> Artefact:
+    for artefact in service.store.artefacts(job_id):
+        if artefact.name == name:
+            return artefact
+    raise HttpProblem(404, f"job {job_id} has no {name[:100]}")
+
+
+def _path(service: Service, artefact: Artefact) -> Path:
+    path = service.settings.data / artefact.path
+    if not path.is_file():
+        raise HttpProblem(404, f"{artefact.name} is no longer in the data folder")
+    return path
+
+
+def _tag(artefact: Artefact) -> dict[str, str]:
+    return {"ETag": f'"{artefact.sha256}"', "Cache-Control": "no-cache"}

@@ -1,0 +1,126 @@
+"""Routes of schedules: campaigns that are run again and again."""
+
+from __future__ import annotations
+
+from typing import Annotated
+
+from fastapi import APIRouter, Header, Path, Query, Response, status
+
+from service.api.context import ServiceOf, documented
+from service.api.problems import HttpProblem
+from service.api.schemas.campaigns import (
+    ScheduleList,
+    SchedulePatch,
+    ScheduleRequest,
+    ScheduleRunList,
+    ScheduleRunView,
+    ScheduleView,
+)
+
+router = APIRouter(prefix="/api/v1/schedules", tags=["schedules"])
+
+ScheduleId = Annotated[str, Path(description="Id of a schedule.", min_length=1, max_length=32, pattern="^[0-9a-z]+$")]
+
+
+@router.post(
+    "",
+    operation_id="create_schedule",
+    summary="Run a campaign by the clock",
+    status_code=status.HTTP_201_CREATED,
+    responses=documented(400, 403, 409, 413, 415),
+)
+def create_schedule(body: ScheduleRequest, service: ServiceOf, response: Response) -> ScheduleView:
+    """The campaign is checked now, and made anew at each tick."""
+    service.planner.plan(body.campaign)
+    made = service.schedules.create(body.values())
+    response.headers["Location"] = f"/api/v1/schedules/{made.id}"
+    response.headers["ETag"] = f'"{made.version}"'
+    return ScheduleView.of(made)
+
+
+@router.get("", operation_id="list_schedules", summary="List the schedules", responses=documented())
+def list_schedules(service: ServiceOf) -> ScheduleList:
+    """All of them, by name."""
+    return ScheduleList(items=[ScheduleView.of(one) for one in service.schedules.all()])
+
+
+@router.get("/{schedule_id}", operation_id="get_schedule", summary="Read a schedule", responses=documented(404))
+def get_schedule(schedule_id: ScheduleId, service: ServiceOf, response: Response) -> ScheduleView:
+    """The schedule now; its ETag goes into If-Match of a change."""
+    one = service.schedules.get(schedule_id)
+    response.headers["ETag"] = f'"{one.version}"'
+    return ScheduleView.of(one)
+
+
+@router.patch(
+    "/{schedule_id}",
+    operation_id="change_schedule",
+    summary="Change a schedule",
+    responses=documented(400, 403, 404, 409, 412, 413, 415),
+)
+def change_schedule(
+    schedule_id: ScheduleId,
+    body: SchedulePatch,
+    service: ServiceOf,
+    response: Response,
+    if_match: Annotated[str | None, Header(description="ETag of the reading that the change is based on.")] = None,
+) -> ScheduleView:
+    """What is left out stays. With If-Match nothing is changed when somebody else was faster."""
+    if body.campaign is not None:
+        service.planner.plan(body.campaign)
+    changed = service.schedules.change(schedule_id, body.values(), version=_version(if_match))
+    response.headers["ETag"] = f'"{changed.version}"'
+    return ScheduleView.of(changed)
+
+
+def _version(if_match: str | None) -> int | None:
+    if if_match is None or if_match.strip() == "*":
+        return None
+    text = if_match.strip().removeprefix("W/").strip('"')
+    if not text.isascii() or not text.isdigit() or len(text) > 18:
+        raise HttpProblem(
+            412, f"If-Match must be the ETag of the schedule, a number in quotes, and not {if_match[:40]!r}"
+        )
+    return int(text)
+
+
+@router.delete(
+    "/{schedule_id}",
+    operation_id="delete_schedule",
+    summary="Delete a schedule",
+    status_code=status.HTTP_204_NO_CONTENT,
+    responses=documented(403, 404),
+)
+def delete_schedule(schedule_id: ScheduleId, service: ServiceOf) -> None:
+    """Forget the schedule and its history; the campaigns that it started stay."""
+    service.schedules.delete(schedule_id)
+
+
+@router.post(
+    "/{schedule_id}/trigger",
+    operation_id="trigger_schedule",
+    summary="Run a schedule's campaign now",
+    status_code=status.HTTP_202_ACCEPTED,
+    responses=documented(403, 404, 503),
+)
+def trigger_schedule(schedule_id: ScheduleId, service: ServiceOf) -> ScheduleRunView:
+    """As if its time had come; its overlap rule holds."""
+    service.refuse_when_closing()
+    run = service.schedules.trigger(schedule_id, service.planner.of_stored)
+    service.engine.poke()
+    return ScheduleRunView.of(run)
+
+
+@router.get(
+    "/{schedule_id}/runs",
+    operation_id="list_schedule_runs",
+    summary="What became of a schedule's ticks",
+    responses=documented(404),
+)
+def list_schedule_runs(
+    schedule_id: ScheduleId,
+    service: ServiceOf,
+    limit: Annotated[int, Query(ge=1, le=1000, description="At most so many.")] = 100,
+) -> ScheduleRunList:
+    """Newest first."""
+    return ScheduleRunList(items=[ScheduleRunView.of(run) for run in service.schedules.runs(schedule_id, limit=limit)])

@@ -1,0 +1,83 @@
+"""Routes about the service itself: health, version, built-in scenarios."""
+
+from __future__ import annotations
+
+import platform
+from typing import Annotated
+
+from fastapi import APIRouter, Path
+
+from service.api.context import ServiceOf, documented
+from service.api.problems import HttpProblem
+from service.api.readiness import checks
+from service.api.schemas.jobs import ScenarioInfo, ScenarioList, Version
+from service.api.schemas.operations import CheckView, Health, Readiness
+from service.version import installed_version
+from simcore.errors import ScenarioError
+from simcore.scenario.presets import preset_names, start
+from simcore.scenario.scenario import SCHEMA
+
+router = APIRouter(tags=["service"])
+
+
+@router.get("/healthz", operation_id="get_health", summary="Is it up?")
+def get_health() -> Health:
+    """Answers as long as the process does."""
+    return Health()
+
+
+@router.get("/readyz", operation_id="get_readiness", summary="Can it work?", responses=documented(503))
+def get_readiness(service: ServiceOf) -> Readiness:
+    """Writes to the data folder and the database, looks at the disk and counts warm workers. Jobs are accepted while
+    workers start. A problem of status 503 has the same `checks`."""
+    found = checks(service)
+    views = [CheckView.of(check) for check in found]
+    bad = [f"{check.name}: {check.found}" for check in found if check.level == "bad"]
+    if bad:
+        more = {"checks": [view.model_dump() for view in views]}
+        raise HttpProblem(503, "; ".join(bad), more=more, headers={"Retry-After": "10"})
+    engine = service.engine
+    ready = engine.ready == engine.slots
+    return Readiness(
+        status="ready" if ready else "starting",
+        workers=engine.slots,
+        workers_ready=engine.ready,
+        problem=engine.problem,
+        warnings=[f"{check.name}: {check.found}; {check.advice}" for check in found if check.level == "warn"],
+        checks=views,
+    )
+
+
+@router.get("/version", operation_id="get_version", summary="Which version is it?", responses=documented())
+def get_version() -> Version:
+    """Of the program, of Python and of the scenario format."""
+    return Version(version=installed_version(), python=platform.python_version(), scenario_schema=SCHEMA)
+
+
+@router.get(
+    "/api/v1/scenarios",
+    operation_id="list_scenarios",
+    summary="Built-in scenarios",
+    responses=documented(),
+)
+def list_scenarios() -> ScenarioList:
+    """Each with every field, null where other fields settle it: a start for one's own."""
+    return ScenarioList(items=[_info(name) for name in preset_names()])
+
+
+@router.get(
+    "/api/v1/scenarios/{name}",
+    operation_id="get_scenario",
+    summary="A built-in scenario",
+    responses=documented(404),
+)
+def get_scenario(name: Annotated[str, Path(max_length=100)]) -> ScenarioInfo:
+    """One of them, with every field."""
+    try:
+        return _info(name)
+    except ScenarioError as error:
+        raise HttpProblem(404, str(error.problems[0].message)) from None
+
+
+def _info(name: str) -> ScenarioInfo:
+    return ScenarioInfo(name=name, scenario=start(name), description=preset_names()[name])

@@ -1,0 +1,1 @@
+"""The JSON of requests and answers. The scenario itself is described once, in simcore."""

@@ -1,0 +1,275 @@
+"""The JSON of the HTTP surface. The scenario itself is described once, in simcore."""
+
+from __future__ import annotations
+
+from datetime import UTC, datetime
+from typing import Annotated, Any, Literal, Self
+
+from pydantic import BaseModel, ConfigDict, Field, WithJsonSchema, field_validator
+
+from service.store.job import INSERTION, SUCCEEDED, TRAINING, Artefact, Event, Job
+
+State = Literal["queued", "running", "succeeded", "failed", "cancelled", "timed_out"]
+
+ScenarioInput = Annotated[
+    Any,
+    WithJsonSchema(
+        {
+            "anyOf": [{"type": "object", "additionalProperties": True}, {"type": "string", "maxLength": 100}],
+            "description": "A scenario (JSON, schema needlebench/scenario/1) or the name of a built-in one.",
+            "examples": ["demo", {"name": "softer", "tissue": {"young_kpa": 3.0}}],
+        }
+    ),
+]
+
+TimeLimit = Annotated[float, Field(strict=True, ge=1, le=86400, allow_inf_nan=False)]
+TIME_LIMIT = "Most wall time of an attempt; null = an hour, or four times the estimate if that is longer."
+
+
+class JobRequest(BaseModel):
+    """A job to be done."""
+
+    model_config = ConfigDict(
+        extra="forbid",
+        json_schema_extra={
+            "examples": [
+                {"scenario": "demo"},
+                {"scenario": {"name": "softer", "tissue": {"young_kpa": 3.0}}, "priority": 10, "timeout_s": 600},
+            ]
+        },
+    )
+
+    scenario: ScenarioInput
+    priority: Annotated[int, Field(strict=True, ge=-100, le=100, description="Higher runs first.")] = 0
+    timeout_s: TimeLimit | None = Field(None, description=TIME_LIMIT)
+
+    @field_validator("scenario")
+    @classmethod
+    def _object_or_name(cls, value: Any) -> Any:
+        if not isinstance(value, dict | str):
+            raise ValueError("must be a scenario (an object) or the name of a built-in one")
+        return value
+
+
+class Progress(BaseModel):
+    """Where a running job is. eta_s is null before the first step and when it does not run.
+
+    tip_error_mm: of the tip from the target that its step was commanded for, as in rmse_mm.
+    cross_track_mm: of the tip from the path; null where the tissue carries the path. insertion_force_n: along the
+    needle's base, positive pushes.
+    """
+
+    fraction: float = Field(0.0, ge=0, le=1)
+    step: int = 0
+    steps: int
+    depth_mm: float | None = None
+    tip_error_mm: float | None = None
+    cross_track_mm: float | None = None
+    insertion_force_n: float | None = None
+    eta_s: float | None = None
+
+    @classmethod
+    def of(cls, job: Job) -> Self:
+        progress = cls(**{"steps": job.steps, **(job.progress or {})})
+        if job.state == SUCCEEDED and progress.step == progress.steps:
+            return progress.model_copy(update={"eta_s": 0.0})
+        return progress if job.state == "running" else progress.model_copy(update={"eta_s": None})
+
+
+class JobError(BaseModel):
+    """Why a job did not succeed. kind: exception, disk, out_of_memory, worker_died, timed_out."""
+
+    kind: str
+    message: str
+
+
+class Links(BaseModel):
+    """Where the rest of a job is; null while it is not there."""
+
+    self: str
+    cancel: str
+    events: str
+    log: str
+    metrics: str | None
+    series: str | None
+    recording: str | None
+    model: str | None = Field(description="What a training has made.")
+    artefacts: str
+
+
+class JobSummary(BaseModel):
+    """A job in a list: without its scenario and its result, which can be large."""
+
+    id: str
+    kind: Literal["insertion", "training"] = Field(description="What it does: simulate, or train a model.")
+    name: str
+    state: State
+    attempt: int = Field(description="How often it was started; 0 = not yet.")
+    priority: int
+    timeout_s: float
+    pinned: bool = Field(description="Kept whatever is cleared away.")
+    progress: Progress
+    metrics: dict[str, Any] | None
+    error: JobError | None
+    links: Links
+    key: str | None = Field(description="Id of the API key that submitted it; null where none was asked for.")
+    created_at: datetime
+    started_at: datetime | None
+    finished_at: datetime | None
+
+    @classmethod
+    def fields_of(cls, job: Job) -> dict[str, Any]:
+        kind = job.error_kind
+        return {
+            "id": job.id,
+            "kind": job.kind,
+            "name": job.name,
+            "state": job.state,
+            "attempt": job.attempt,
+            "priority": job.priority,
+            "timeout_s": job.timeout_s,
+            "pinned": job.pinned,
+            "progress": Progress.of(job),
+            "metrics": job.metrics,
+            "error": None if kind is None else JobError(kind=kind, message=job.error or ""),
+            "links": links_of(job),
+            "key": job.owner,
+            "created_at": moment(job.created_at),
+            "started_at": moment(job.started_at),
+            "finished_at": moment(job.finished_at),
+        }
+
+    @classmethod
+    def of(cls, job: Job) -> Self:
+        return cls(**cls.fields_of(job))
+
+
+class JobView(JobSummary):
+    """A job with everything. A run that did not succeed or converge is a result; `failed` is a crash."""
+
+    scenario: dict[str, Any] | None = Field(description="The fully resolved scenario; null for a training.")
+    training: dict[str, Any] | None = Field(description="What is trained on what; null for an insertion.")
+    result: dict[str, Any] | None = Field(description="The content of result.json, once there is one.")
+
+    @classmethod
+    def of(cls, job: Job) -> Self:
+        spec = job.spec or {}
+        return cls(
+            **cls.fields_of(job), scenario=spec.get("scenario"), training=spec.get("training"), result=job.result
+        )
+
+
+class EventView(BaseModel):
+    """One entry of the log of a job. id: goes up over all jobs."""
+
+    id: int
+    job: str
+    kind: str
+    attempt: int
+    at: datetime
+    data: dict[str, Any] | None
+
+    @classmethod
+    def of(cls, event: Event) -> Self:
+        at = datetime.fromtimestamp(event.at, UTC)
+        return cls(id=event.seq, job=event.job_id, kind=event.kind, attempt=event.attempt, at=at, data=event.data)
+
+
+class EventList(BaseModel):
+    """Events, oldest first, at most 1000; the next ones come with `after` = the id of the last."""
+
+    items: list[EventView]
+
+
+class JobPage(BaseModel):
+    """Jobs, newest first; next_cursor leads to the older ones, null at the end."""
+
+    items: list[JobSummary]
+    next_cursor: str | None
+
+
+class MetricsView(BaseModel):
+    """What a finished run achieved."""
+
+    job: str
+    status: str | None
+    metrics: dict[str, Any]
+    timing: dict[str, Any] | None
+    digest: Any
+
+
+class ArtefactView(BaseModel):
+    """A file that a job left behind."""
+
+    kind: str
+    name: str
+    bytes: int
+    sha256: str
+    url: str
+
+    @classmethod
+    def of(cls, job_id: str, artefact: Artefact) -> Self:
+        url = f"/api/v1/jobs/{job_id}/artefacts/{artefact.name}"
+        return cls(**{name: getattr(artefact, name) for name in ("kind", "name", "bytes", "sha256")}, url=url)
+
+
+class ArtefactList(BaseModel):
+    items: list[ArtefactView]
+
+
+class ScenarioInfo(BaseModel):
+    """A built-in scenario."""
+
+    name: str
+    description: str
+    scenario: dict[str, Any] = Field(description="Every field; null where other fields settle it.")
+
+
+class ScenarioList(BaseModel):
+    items: list[ScenarioInfo]
+
+
+class Version(BaseModel):
+    name: Literal["needlebench"] = "needlebench"
+    version: str
+    python: str
+    scenario_schema: str
+
+
+class FieldError(BaseModel):
+    field: str
+    value: Any
+    message: str
+
+
+class ProblemDetails(BaseModel):
+    """RFC 9457. `errors` is there when fields of the request are wrong."""
+
+    type: str = "about:blank"
+    title: str
+    status: int
+    detail: str
+    instance: str | None = None
+    errors: list[FieldError] | None = None
+
+
+def moment(seconds: float | None) -> datetime | None:
+    """UTC seconds since 1970 as a time."""
+    return None if seconds is None else datetime.fromtimestamp(seconds, UTC)
+
+
+def links_of(job: Job) -> Links:
+    """The addresses of a job, those that answer now."""
+    base = f"/api/v1/jobs/{job.id}"
+    done = job.state == SUCCEEDED
+    return Links(
+        self=base,
+        cancel=f"{base}/cancel",
+        events=f"{base}/events",
+        log=f"{base}/log",
+        metrics=f"{base}/metrics" if done else None,
+        series=f"{base}/series" if done and job.kind == INSERTION else None,
+        recording=f"/recordings/{job.id}.rrd" if job.started_at is not None and job.kind == INSERTION else None,
+        model=f"/api/v1/models/{(job.metrics or {})['model']}" if done and job.kind == TRAINING else None,
+        artefacts=f"{base}/artefacts",
+    )

@@ -1,0 +1,1 @@
+"""What campaigns amount to: results, comparisons, trends and reports."""

@@ -1,0 +1,1 @@
+"""The command `needlebench`, one file for each group of commands."""

@@ -1,0 +1,300 @@
+"""`needlebench bench`: the benchmarks, with the processes and the recorder that they need handed to them."""
+
+from __future__ import annotations
+
+import contextlib
+import functools
+import json
+import os
+import shutil
+import sys
+import tempfile
+import threading
+import time
+import uuid
+from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, BinaryIO
+
+import click
+
+from service.blas_threads import one_thread
+from simcore.errors import NeedlebenchError, Problem, ScenarioError
+
+if TYPE_CHECKING:
+    from benchmarks.measurements import Table
+    from benchmarks.observed_run import Observed
+    from service.recording.observer import RerunObserver
+    from service.worker import process as pool
+    from simcore.scenario.scenario import Scenario
+
+WIDTH = 170  # columns of a table that goes to a file or a pipe
+REGRESSION = 1
+
+
+@click.command()
+@click.argument("names", metavar="[NAME]...", nargs=-1)
+@click.option(
+    "--json", "json_file", metavar="FILE", type=click.Path(dir_okay=False, path_type=Path), help="Store the figures."
+)
+@click.option(
+    "--out",
+    "folder",
+    metavar="DIR",
+    default=Path("out/bench"),
+    show_default=True,
+    type=click.Path(file_okay=False, path_type=Path),
+    help="Folder for tables and pictures.",
+)
+@click.option("--quick", is_flag=True, help="Coarse mesh, short path, one round: does it work, not how fast it is.")
+@click.option("--list", "listed", is_flag=True, help="List the benchmarks and end.")
+@click.option(
+    "--compare",
+    "reports",
+    metavar="A B",
+    nargs=2,
+    type=click.Path(dir_okay=False, path_type=Path),
+    help="Say what changed from report A to report B, and measure nothing.",
+)
+def bench(
+    names: tuple[str, ...],
+    json_file: Path | None,
+    folder: Path,
+    quick: bool,
+    listed: bool,
+    reports: tuple[Path, Path] | None,
+) -> None:
+    """Measure how fast the simulator is, what it costs and what its results owe to the discretisation.
+
+    Without a NAME everything that measures time or memory is run; `convergence` and `forces` are studies and are run
+    when they are named. Times are also given in L0, a frozen unit measured in the same run: one back-solve of SciPy's
+    SuperLU and one pass of a plain force loop. Measure on a machine that does nothing else.
+
+    \b
+    What there is:             needlebench bench --list
+    All timings, stored:       needlebench bench --json after.json
+    Two of them:               needlebench bench step recording
+    What changed:              needlebench bench --compare before.json after.json
+    The convergence study:     needlebench bench convergence --out results/convergence
+    Only whether it works:     needlebench bench micro --quick
+
+    \b
+    Exit code: 0 done (a missed target is no error), or nothing got worse
+               1 --compare: a figure got worse by more than the noise; or a crash
+               2 bad name, report or folder
+    """
+    one_thread()
+    if reports is not None:
+        click.get_current_context().exit(_compare(*reports))
+    from benchmarks.registry import BENCHMARKS, chosen
+
+    if listed:
+        for name, benchmark in BENCHMARKS.items():
+            click.echo(f"{name:<13}{benchmark.text}{' (when named)' if benchmark.study else ''}")
+        return
+    _measure(chosen(names), json_file, folder, quick)
+
+
+def _measure(names: list[str], json_file: Path | None, folder: Path, quick: bool) -> None:
+    """Run, print, write."""
+    from threadpoolctl import threadpool_limits
+
+    from benchmarks.bench_report import busy, document
+    from benchmarks.measurements import figure_table
+    from benchmarks.ports import Tools
+    from benchmarks.registry import run_suite
+    from simcore.rollout.artefacts import replace_atomically
+
+    _writable(folder, "--out")
+    if json_file is not None:
+        _writable(json_file.parent, "--json")
+    before = _load()
+    if warning := busy(before):
+        click.echo(f"needlebench: warning: {warning}", err=True)
+    date = datetime.now(UTC).isoformat(timespec="seconds")
+    with tempfile.TemporaryDirectory(prefix="needlebench-") as scratch, _progress() as say, threadpool_limits(1):
+        tools = Tools(
+            say=say,
+            recorder=recorder,
+            recorder_name="service.cli.bench:recorder",
+            crew=lambda workers: _crew(workers, Path(scratch), say),
+            folder=Path(scratch),
+            quick=quick,
+        )
+        parts = run_suite(names, tools)
+    report = document(parts, date=date, quick=quick, load_before=before, load_after=_load())
+    for table in (figure_table(parts), *(table for part in parts.values() for table in part.tables)):
+        _print(table)
+    written = {folder / name: text for part in parts.values() for name, text in part.files.items()}
+    if json_file is not None:
+        written[json_file] = json.dumps(report, indent=2, allow_nan=False) + "\n"
+    for path, text in written.items():
+        replace_atomically(path, functools.partial(_fill, text))
+        click.echo(path)
+
+
+def _fill(text: str, file: BinaryIO) -> None:
+    file.write(text.encode())
+
+
+def _writable(folder: Path, option: str) -> None:
+    """Fail before the measurements and not after them."""
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        with tempfile.TemporaryFile(dir=folder):
+            pass
+    except OSError as error:
+        raise ScenarioError([Problem(option, str(folder), f"cannot be written: {error.strerror}")]) from None
+
+
+def _load() -> float | None:
+    """Load average over the last minute, None where nobody counts."""
+    return os.getloadavg()[0] if hasattr(os, "getloadavg") else None
+
+
+@contextlib.contextmanager
+def _progress() -> Iterator[Callable[[str], None]]:
+    """A function that shows what is being measured: one changing line on a terminal, lines elsewhere."""
+    if not sys.stderr.isatty():
+        yield lambda text: click.echo(text, err=True)
+        return
+    from rich.console import Console
+
+    console = Console(stderr=True)
+    with console.status("starting") as status:
+        yield status.update
+
+
+# -- what the benchmarks are handed -----------------------------------------------------------------------------------
+
+
+def recorder(path: Path) -> RerunObserver:
+    """A recorder with an identity of its own."""
+    from service.recording.observer import RerunObserver
+
+    return RerunObserver(path, recording_id=uuid.uuid4().hex)
+
+
+class JobFailed(NeedlebenchError):
+    """A job of a benchmark crashed in its worker."""
+
+
+@contextlib.contextmanager
+def _crew(workers: int, scratch: Path, say: Callable[[str], None]) -> Iterator[Crew]:
+    """Warm workers, gone at the end."""
+    from benchmarks.observed_run import JOB
+    from service.worker import process as pool
+
+    staff = [pool.Worker() for _ in range(workers)]
+    try:
+        for workman in staff:
+            for runner in ("service.worker.attempt:run_job", JOB):
+                workman.call(pool.warm, runner, str(scratch / "warm.lock")).result()
+        yield Crew(staff, scratch, say)
+    finally:
+        for workman in staff:
+            workman.stop()
+
+
+class Crew:
+    """Worker processes as the service has them; see `benchmarks.ports.Crew`."""
+
+    def __init__(self, staff: list[pool.Worker], scratch: Path, say: Callable[[str], None]) -> None:
+        self._staff, self._scratch, self._say = staff, scratch, say
+
+    def seconds(self, batches: Sequence[Sequence[Scenario]]) -> float:
+        """Wall time of the batches, one on each worker, all at once; the jobs are recorded as the scenario says."""
+        jobs = [[scenario.resolved() for scenario in batch] for batch in batches]
+        started = time.perf_counter()
+        futures = []
+        for workman, batch in zip(self._staff, jobs, strict=True):
+            futures += [self._start(workman, "service.worker.attempt:run_job", scenario) for scenario in batch]
+        done = [future.result() for future, _ in futures]
+        elapsed = time.perf_counter() - started
+        for answer, (_, folder) in zip(done, futures, strict=True):
+            self._finished(answer)
+            shutil.rmtree(folder, ignore_errors=True)
+        return elapsed
+
+    def run_many(self, scenarios: Sequence[Scenario]) -> list[Observed]:
+        """Each worker takes the next scenario that nobody has."""
+        from benchmarks.observed_run import JOB, load
+
+        waiting = iter(enumerate(scenarios))
+        results: dict[int, Observed] = {}
+        turn = threading.Lock()
+
+        def work(workman: pool.Worker) -> None:
+            while True:
+                with turn:
+                    number, scenario = next(waiting, (-1, None))
+                if scenario is None:
+                    return
+                self._say(f"run {number + 1} of {len(scenarios)}: {scenario.name}")
+                future, folder = self._start(workman, JOB, scenario.resolved())
+                results[number] = load(folder, self._finished(future.result()))
+                shutil.rmtree(folder, ignore_errors=True)
+
+        with ThreadPoolExecutor(len(self._staff)) as threads:
+            list(threads.map(work, self._staff))
+        return [results[number] for number in range(len(scenarios))]
+
+    def _start(self, workman: pool.Worker, runner: str, scenario: dict[str, Any]) -> tuple[Any, Path]:
+        from service.worker import attempt as worker
+
+        folder = self._scratch / uuid.uuid4().hex
+        spec = {"scenario": scenario, "job_id": folder.name, "uploads": str(self._scratch)}
+        return workman.call(worker.execute, runner, spec, str(folder)), folder
+
+    @staticmethod
+    def _finished(answer: dict[str, Any]) -> dict[str, Any]:
+        if answer["error"] is not None:
+            raise JobFailed(answer["error"]["message"])
+        result: dict[str, Any] = answer["result"]
+        return result
+
+
+# -- what is printed --------------------------------------------------------------------------------------------------
+
+COLOURS = {"met": "green", "better": "green", "missed": "red", "worse": "red"}
+
+
+def _print(table: Table) -> None:
+    """A table on standard output; numbers to the right."""
+    from rich.console import Console
+    from rich.markup import escape
+    from rich.table import Table as Grid
+
+    from benchmarks.measurements import shown
+
+    console = Console(highlight=False, width=None if sys.stdout.isatty() else WIDTH)
+    if table.title:
+        console.print(f"[bold]{table.title}[/bold]")
+    grid = Grid(box=None, header_style="dim", pad_edge=False)
+    for i, column in enumerate(table.columns):
+        text = all(isinstance(row[i], str) for row in table.rows)
+        grid.add_column(column, justify="left" if text else "right", overflow="fold", no_wrap=i == 0)
+    for row in table.rows:
+        cells = [escape(shown(value)) for value in row]
+        grid.add_row(*(f"[{COLOURS[cell]}]{cell}[/]" if cell in COLOURS else cell for cell in cells))
+    console.print(grid, "")
+
+
+def _compare(first: Path, second: Path) -> int:
+    """Print the changes; the exit code."""
+    from benchmarks.bench_comparison import compare, regressions, table
+    from benchmarks.bench_report import busy, load_report
+
+    reports = {"A": load_report(first), "B": load_report(second)}
+    changes = compare(reports["A"], reports["B"])
+    for side, report in reports.items():
+        if warning := busy(report["machine"]["load_before"]):
+            click.echo(f"needlebench: warning: report {side}: {warning}", err=True)
+    if reports["A"]["machine"]["cpu"] != reports["B"]["machine"]["cpu"]:
+        click.echo("needlebench: warning: the reports are from different processors", err=True)
+    _print(table(changes))
+    worse = regressions(changes)
+    click.echo(f"{len(worse)} of {len(changes)} figures got worse" if worse else "nothing got worse")
+    return REGRESSION if worse else 0

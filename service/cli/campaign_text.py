@@ -1,0 +1,97 @@
+"""What `needlebench campaign` says: plans, progress, scores and what became of a suite."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from typing import TYPE_CHECKING, Any
+
+import click
+
+if TYPE_CHECKING:
+    from service.client.campaigns import CampaignStatus
+    from service.client.client import Client
+
+
+def print_plan(plan: dict[str, Any]) -> None:
+    """What a dry run found."""
+    click.echo(f"{plan['suite']}: {plan['jobs']} insertions, {plan['steps']} steps, about {_minutes(plan['seconds'])}")
+    click.echo(f"sha256 {plan['suite_sha256']}")
+    more = ", ..." if plan["jobs"] > len(plan["first"]) else ""
+    click.echo(f"cases: {', '.join(plan['first'])}{more}")
+
+
+def _minutes(seconds: float | None) -> str:
+    if seconds is None:
+        return "unknown time"
+    return f"{seconds:.0f} s" if seconds < 120 else f"{seconds / 60:.0f} min"
+
+
+def followed(client: Client, made: CampaignStatus) -> CampaignStatus:
+    """The campaign when it has ended; on stderr how it goes."""
+    try:
+        with _bar() if sys.stderr.isatty() else _lines() as show:
+            return client.wait_campaign(made.id, progress=show)
+    except KeyboardInterrupt:
+        click.echo(f"it goes on with the next service; to stop it: needlebench campaign cancel {made.id}", err=True)
+        raise
+
+
+@contextmanager
+def _bar() -> Iterator[Callable[[CampaignStatus], None]]:
+    from rich.console import Console
+    from rich.progress import BarColumn, Progress, TextColumn
+
+    columns = (TextColumn("{task.description}"), BarColumn(), TextColumn("{task.percentage:3.0f} %  {task.fields[t]}"))
+    with Progress(*columns, console=Console(stderr=True), transient=True) as progress:
+        task = progress.add_task("campaign", total=1.0, t="")
+        yield lambda now: progress.update(task, completed=now.fraction, t=where(now))
+
+
+@contextmanager
+def _lines() -> Iterator[Callable[[CampaignStatus], None]]:
+    told = -1.0
+
+    def show(now: CampaignStatus) -> None:
+        nonlocal told
+        if now.fraction - told >= 0.05 or now.terminal:
+            told = now.fraction
+            click.echo(f"{100 * now.fraction:3.0f} %  {where(now)}", err=True)
+
+    yield show
+
+
+def where(now: CampaignStatus) -> str:
+    """How far it is, in words."""
+    failed = sum(now.jobs.get(state, 0) for state in ("failed", "timed_out"))
+    left = "" if now.terminal else f", {_minutes(now.eta_s)} left"
+    cleared = now.cases - sum(now.jobs.values())  # their results stay with the campaign
+    told = f"{now.ended + cleared} of {now.cases} insertions"
+    more = f", the jobs of {cleared} cleared away since" if cleared else ""
+    return f"{told}{f', {failed} failed' if failed else ''}{more}{left}"
+
+
+def print_scores(results: dict[str, Any]) -> None:
+    """A line for each group and controller."""
+    click.echo(f"{'group':<12}{'controller':<20}{'n':>6}{'stable':>9}{'success':>9}{'median RMSE':>14}{'maximum':>12}")
+    for score in results["scores"]:
+        marks = f"{score['young']} E, noise {score['noise']}"
+        shares = f"{100 * score['stable']:>7.0f} %{100 * score['success']:>7.0f} %"
+        errors = f"{millimetres(score['median_mm']):>14}{millimetres(score['max_mm']):>12}"
+        click.echo(f"{score['group']:<12}{score['arm']:<20}{score['insertions']:>6}{shares}{errors}  {marks}")
+
+
+def millimetres(value: float | None) -> str:
+    """An error in mm; None, worse than any number, is what a failed run has."""
+    return "failed" if value is None else f"{value:.4f} mm"
+
+
+def print_trend(client: Client, done: CampaignStatus) -> bool:
+    """What became of the suite against its runs before; whether something got worse."""
+    mine = next((point for point in client.trend(done.suite) if point["campaign"] == done.id), None)
+    if mine is None:
+        return False
+    for what in ("accuracy", "success", "time"):
+        click.echo(f"{what:<10}{mine[what]:<8}{mine[what + '_why']}")
+    return bool(mine["regression"])

@@ -1,0 +1,245 @@
+"""The commands of learned controllers: make the data set, train a model, begin a controller of one's own."""
+
+from __future__ import annotations
+
+import shutil
+import sys
+from collections.abc import Iterator
+from contextlib import ExitStack
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import click
+
+from service.blas_threads import one_thread
+from simcore.errors import Problem, ScenarioError
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from benchmarks.cases import Case
+    from benchmarks.learning.training_insertions import Insertion
+    from simcore.learning import Regressor
+    from simcore.rollout.dataset import Dataset
+
+FILE = click.Path(dir_okay=False, path_type=Path)
+EXAMPLES = {"controller": "controller.txt", "mesh": "mesh.msh"}
+
+
+def free_to_write(path: Path, *, force: bool) -> None:
+    """Fail before the work and not after it."""
+    if path.exists() and not force:
+        raise ScenarioError([Problem("--out", str(path), "exists; use --force to replace it")])
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise ScenarioError([Problem("--out", str(path), f"cannot be written: {error.strerror}")]) from None
+
+
+@click.command()
+@click.option("--out", "path", metavar="FILE.npz", required=True, type=FILE, help="The data set.")
+@click.option(
+    "--insertions",
+    type=click.IntRange(2, 105),
+    default=105,
+    show_default=True,
+    help="How many of the grid's 105 points; fewer, spread over the grid, for a quick look.",
+)
+@click.option("--samples", type=click.IntRange(10), default=10_000, show_default=True, help="Rows that are drawn.")
+@click.option("--seed", type=click.IntRange(0, 10**9), default=0, show_default=True, help="Of noise, draw and splits.")
+@click.option("--workers", type=click.IntRange(1, 64), default=2, show_default=True, help="Processes, one thread each.")
+@click.option(
+    "--set", "changes", metavar="PATH=VALUE", multiple=True, help="Change one field of all insertions. Repeatable."
+)
+@click.option("--force", is_flag=True, help="Replace the file.")
+def dataset(
+    path: Path, insertions: int, samples: int, seed: int, workers: int, changes: tuple[str, ...], force: bool
+) -> None:
+    """Run the paper's training insertions and write every step of them into FILE.npz.
+
+    Straight I-FEM insertions to a 7 x 15 grid on z = 122 mm, with target noise of +-0.25 mm. The file holds the
+    variables of the paper's table I (simcore/rollout/dataset.py), the drawn rows, a 90/10 split by sample and one by
+    trajectory, and where it all comes from.
+
+    \b
+    All of it:            needlebench dataset --out out/data.npz
+    A quick look:         needlebench dataset --out out/few.npz --insertions 10
+    At another time step: needlebench dataset --out out/data.npz --set dt_s=0.005
+
+    Ctrl-C at any time: finished insertions stay in FILE.npz.parts until the file is complete, and the same command
+    goes on from there.
+    """
+    one_thread()
+    from benchmarks.learning.training_insertions import cases
+    from benchmarks.learning.training_insertions import dataset as gather
+    from service.local.dataset_runs import Kept
+    from simcore.rollout.dataset import save_dataset
+    from simcore.scenario.presets import with_changes
+
+    free_to_write(path, force=force)
+    chosen = cases(insertions=insertions, seed=seed, changes=with_changes({}, list(changes)))
+    kept = Kept(path.with_name(f"{path.name}.parts"))
+    data = gather(chosen, lambda these: shown(these, workers, kept), samples=samples, seed=seed)
+    save_dataset(data, path)
+    shutil.rmtree(kept.folder, ignore_errors=True)
+    failed = [i["id"] for i in data.provenance["insertions"] if i["status"] != "completed"]
+    if failed:
+        click.echo(f"needlebench: warning: did not complete: {', '.join(failed)}", err=True)
+    rows, drawn = len(data.trajectory), len(data.drawn)
+    click.echo(f"{path}: {len(chosen)} insertions, {rows} steps, {drawn} drawn (seed {seed})")
+    if drawn < samples:
+        click.echo(f"needlebench: warning: {samples} samples were asked for, there are {drawn} steps", err=True)
+
+
+def shown(cases: Sequence[Case], workers: int, kept: Any) -> Iterator[Insertion]:
+    """The insertions as they are finished, with a bar on a terminal and lines elsewhere."""
+    from service.local.dataset_runs import insertions
+
+    with ExitStack() as stack:
+        tick = stack.enter_context(_Bar(len(cases)))
+        for done in stack.enter_context(_closed(insertions(cases, workers=workers, kept=kept))):
+            tick.advance()
+            yield done
+
+
+class _closed:
+    """A generator that is closed on leaving: Ctrl-C must stop the workers at once."""
+
+    def __init__(self, generator: Iterator[Insertion]) -> None:
+        self._generator = generator
+
+    def __enter__(self) -> Iterator[Insertion]:
+        return self._generator
+
+    def __exit__(self, *_: object) -> None:
+        self._generator.close()  # type: ignore[attr-defined]
+
+
+class _Bar:
+    """How many are done and when all will be."""
+
+    def __init__(self, total: int) -> None:
+        self._total, self._done = total, 0
+        self._progress: Any = None
+
+    def __enter__(self) -> _Bar:
+        if sys.stderr.isatty():
+            from rich.console import Console
+            from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
+
+            columns = (TextColumn("insertions"), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn())
+            self._progress = Progress(*columns, console=Console(stderr=True), transient=True)
+            self._progress.start()
+            self._task = self._progress.add_task("insertions", total=self._total)
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        if self._progress is not None:
+            self._progress.stop()
+
+    def advance(self) -> None:
+        self._done += 1
+        if self._progress is not None:
+            self._progress.advance(self._task)
+        elif self._done % 10 == 0 or self._done == self._total:
+            click.echo(f"{self._done} of {self._total} insertions", err=True)
+
+
+@click.command()
+@click.option("--data", "source", metavar="FILE.npz", required=True, type=FILE, help="From `needlebench dataset`.")
+@click.option("--out", "path", metavar="MODEL.json", required=True, type=FILE, help="The model.")
+@click.option("--kind", type=click.Choice(["elm", "linear", "neighbours", "mlp"]), default="elm", show_default=True)
+@click.option("--nodes", type=click.IntRange(1, 10_000), default=25, show_default=True, help="Of the elm.")
+@click.option("--ridge", type=click.FloatRange(0, 1e6), default=1e-6, show_default=True, help="Of elm and linear.")
+@click.option(
+    "--weights", type=click.FloatRange(1e-3, 100), default=1.0, show_default=True, help="Range of w and b of the elm."
+)
+@click.option("--neighbours", type=click.IntRange(1, 1000), default=10, show_default=True, help="Of neighbours.")
+@click.option("--hidden", default="32,32", show_default=True, help="Nodes of each hidden layer of the mlp.")
+@click.option("--seed", type=click.IntRange(0, 2**31), default=0, show_default=True, help="Of the elm and the mlp.")
+@click.option(
+    "--split",
+    type=click.Choice(["sample", "trajectory"]),
+    default="sample",
+    show_default=True,
+    help="How 10 % are held out: single rows, as in the paper, or whole insertions.",
+)
+@click.option("--samples", type=click.IntRange(2), default=None, help="Learn from so many rows only; default: all.")
+@click.option("--force", is_flag=True, help="Replace the file.")
+def train(source: Path, path: Path, kind: str, split: str, samples: int | None, force: bool, **asked: Any) -> None:
+    """Train the model of a learned controller and write it, with its errors and where it comes from.
+
+    Inputs are the base's position P and the tip error e_p, the output is the base's move Delta P [paper]. The errors
+    that are printed are those of Delta P before the robot's limits, not those of the tip: run the controller for these.
+
+    \b
+    The paper's:     needlebench train --data out/data.npz --out out/elm.json
+    Another seed:    needlebench train --data out/data.npz --out out/elm7.json --seed 7
+    To steer by it:  needlebench run sine --out out/sine --set controller.kind=elm --set controller.model=out/elm.json
+    """
+    one_thread()
+    import hashlib
+
+    from threadpoolctl import threadpool_limits
+
+    from benchmarks.learning.training import trained
+    from simcore.rollout.artefacts import replace_atomically
+
+    free_to_write(path, force=force)
+    data = read_data(source)
+    with source.open("rb") as file:
+        sha256 = hashlib.file_digest(file, "sha256").hexdigest()
+    with threadpool_limits(1):
+        done = trained(data, _regressor(kind, **asked), split=split, samples=samples, data_sha256=sha256)
+    text = done.model.text().encode()
+    replace_atomically(path, lambda file: file.write(text))
+    told = done.model.provenance
+    click.echo(f"RMSE of Delta P, mm    {'x':>8}{'y':>8}{'z':>8}")
+    for side, rmse in (("train", done.train_rmse_mm), ("test", done.test_rmse_mm)):
+        click.echo(f"  {side:<6}{told[f'{side}_rows']:>7} rows   " + "".join(f"{axis:8.4f}" for axis in rmse))
+    click.echo(f"{path}: {kind}, {len(text) / 1e3:.0f} kB, SHA-256 {hashlib.sha256(text).hexdigest()}")
+
+
+def read_data(source: Path) -> Dataset:
+    """A data set that was named with --data. Raises ScenarioError."""
+    from simcore.rollout.dataset import DatasetError, load_dataset
+
+    try:
+        return load_dataset(source)
+    except DatasetError as error:
+        message = str(error).removeprefix(str(source)).removeprefix(":").strip()
+        raise ScenarioError([Problem("--data", str(source), message)]) from None
+
+
+def _regressor(
+    kind: str, *, nodes: int, ridge: float, weights: float, neighbours: int, hidden: str, seed: int
+) -> Regressor:
+    from service.worker.training_job import SETTINGS, untrained
+
+    given: dict[str, Any] = {"nodes": nodes, "ridge": ridge, "weight_range": weights, "neighbours": neighbours}
+    given |= {"hidden": layers_of(hidden), "seed": seed}
+    return untrained(kind, {name: given[name] for name in SETTINGS[kind]})
+
+
+def layers_of(text: str) -> list[int]:
+    """'32,32' -> [32, 32]. Raises ScenarioError."""
+    try:
+        return [int(n) for n in text.split(",")]
+    except ValueError:
+        raise ScenarioError([Problem("--hidden", text, "must be whole numbers with commas, as in 32,32")]) from None
+
+
+@click.command()
+@click.argument("name", type=click.Choice(list(EXAMPLES)))
+def example(name: str) -> None:
+    """Print an example that works as it is, as a starting point.
+
+    \b
+    A controller of your own: needlebench example controller > mine.py
+                              python mine.py
+    A mesh of your own:       needlebench example mesh > barrel.msh
+
+    The mesh is a barrel with a domed top, in millimetres, with the groups top, side, base and tissue. The needle
+    enters at the top, the origin, and goes down along +z.
+    """
+    click.echo((Path(__file__).parent / "examples" / EXAMPLES[name]).read_text(encoding="utf-8"), nl=False)

@@ -1,0 +1,157 @@
+"""The commands that need no service: list scenarios, run one in this process, look at a recording."""
+
+from __future__ import annotations
+
+import json
+import sys
+import uuid
+from pathlib import Path
+from typing import Any
+
+import click
+
+WITHOUT_SUCCESS = 3
+
+
+@click.command()
+@click.argument("name", required=False)
+@click.option("--fields", is_flag=True, help="Print every field with default, range and source, as a Markdown table.")
+def scenario(name: str | None, fields: bool) -> None:
+    """List the built-in scenarios, or print the one called NAME as JSON with every field and its value.
+
+    A value of null follows other fields, as the spacing of the constraint points follows the element size.
+
+    \b
+    What there is:                needlebench scenario
+    A file to change and run:     needlebench scenario demo > mine.json
+    Every field, with its range:  needlebench scenario --fields
+    """
+    from simcore.scenario.parameters import markdown_table
+    from simcore.scenario.presets import preset_names, start
+
+    if fields:
+        click.echo(markdown_table())
+        return
+    if name is not None:
+        click.echo(json.dumps(start(name), indent=2))
+        return
+    names = preset_names()
+    for known, text in names.items():
+        click.echo(f"{known:<{max(map(len, names)) + 2}}{text}")
+
+
+@click.command()
+@click.argument("source", metavar="SCENARIO")
+@click.option(
+    "--out",
+    "folder",
+    metavar="DIR",
+    required=True,
+    type=click.Path(file_okay=False, path_type=Path),
+    help="Folder for result.json, series.npz and recording.rrd; made if it does not exist.",
+)
+@click.option(
+    "--set",
+    "changes",
+    metavar="PATH=VALUE",
+    multiple=True,
+    help="Change one field; VALUE is JSON, else a string. Repeatable, applied left to right.",
+)
+@click.option("--force", is_flag=True, help="Replace the result that the folder holds.")
+def run(source: str, folder: Path, changes: tuple[str, ...], force: bool) -> None:
+    """Run one insertion in this process and write what came out of it.
+
+    SCENARIO is a JSON file, the name of a built-in scenario, or - for JSON on standard input. Fields that it leaves
+    out have their defaults. Nothing is written before the run has ended, and all of it or nothing.
+
+    \b
+    A built-in one:             needlebench run demo --out results/demo
+    Softer tissue, no feedback: needlebench run demo --out results/soft \\
+                                  --set tissue.young_kpa=3 --set controller.kind=open_loop
+    Metrics only, no recording: needlebench run demo --out results/quick --set recording.enabled=false
+    From another program:       generate | needlebench run - --out results/generated
+
+    Setting a kind replaces its block by the defaults of that kind, so set the kind first and its fields after it.
+
+    \b
+    Exit code: 0 completed and successful
+               3 completed without success, or not converged: see status in result.json
+               2 bad scenario or folder, 1 crash, 130 Ctrl-C; nothing is written then
+    """
+    from service.cli.result_table import print_report
+    from service.local.run import output_folder, run_into
+    from simcore.scenario.presets import with_changes
+    from simcore.scenario.scenario import Scenario
+
+    asked = Scenario.load(with_changes(read_source(source), list(changes)))
+    for warning in asked.warnings():
+        click.echo(f"needlebench: warning: {warning}", err=True)
+    with output_folder(folder, replace=force) as partial:
+        result, incomplete = run_into(partial, asked, recording_id=uuid.uuid4().hex)
+    if incomplete is not None:
+        click.echo(f"needlebench: warning: {incomplete}", err=True)
+    print_report(result, folder)
+    if result["status"] != "completed" or not result["metrics"]["success"]:
+        click.get_current_context().exit(WITHOUT_SUCCESS)
+
+
+def read_source(source: str) -> dict[str, Any]:
+    """The scenario's JSON object, before defaults. Raises ScenarioError."""
+    from simcore.errors import Problem, ScenarioError
+    from simcore.scenario.presets import preset_names, start
+
+    if source != "-" and not Path(source).is_file():
+        if source in preset_names():
+            return start(source)
+        known = ", ".join(preset_names())
+        raise ScenarioError([Problem("SCENARIO", source, f"is neither a file nor a built-in scenario: {known}")])
+    try:
+        data = json.loads(sys.stdin.buffer.read() if source == "-" else Path(source).read_bytes())
+    except (OSError, ValueError, RecursionError) as error:
+        raise ScenarioError([Problem("SCENARIO", source, f"is not readable JSON: {error}")]) from None
+    if not isinstance(data, dict):
+        raise ScenarioError([Problem("SCENARIO", source, "must hold a JSON object")])
+    return data
+
+
+class Size(click.ParamType[tuple[int, int]]):
+    """WIDTHxHEIGHT in pixels."""
+
+    name = "WIDTHxHEIGHT"
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> tuple[int, int]:
+        if isinstance(value, tuple):
+            return value
+        width, _, height = str(value).lower().partition("x")
+        if not (width.isdigit() and height.isdigit() and 200 <= int(width) <= 8000 and 200 <= int(height) <= 8000):
+            self.fail(f"{value!r} must be WIDTHxHEIGHT in pixels, each 200 to 8000, as in 1600x900", param, ctx)
+        return int(width), int(height)
+
+
+@click.command()
+@click.argument("file", type=click.Path(path_type=Path))
+@click.option(
+    "--screenshot",
+    "picture",
+    metavar="PNG",
+    type=click.Path(dir_okay=False, path_type=Path),
+    help="Make a picture instead of opening a window; needs no display.",
+)
+@click.option("--at", "at_s", type=float, help="Simulated time of the picture in seconds; default: the end.")
+@click.option("--size", type=Size(), default="1600x900", show_default=True, help="Window that is pictured, in pixels.")
+def view(file: Path, picture: Path | None, at_s: float | None, size: tuple[int, int]) -> None:
+    """Open the recording FILE in the Rerun viewer, until its window is closed; or make a picture of it.
+
+    The viewer listens on 127.0.0.1 only and sends no usage data. In the window: drag to turn, space to play.
+
+    \b
+    Look at a run:   needlebench view results/demo/recording.rrd
+    For a document:  needlebench view results/demo/recording.rrd --screenshot demo.png --at 8
+    """
+    from service.recording import viewer
+
+    if picture is not None:
+        viewer.screenshot(file, picture, at_s=at_s, size=size)
+        click.echo(picture)
+        return
+    click.get_current_context().exit(viewer.show(file))

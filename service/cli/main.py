@@ -1,0 +1,151 @@
+"""The command `needlebench`: which commands there are, and what an error means to the shell.
+
+Commands are imported when they are run, so that help and version cost no more than a Python start.
+"""
+
+from __future__ import annotations
+
+import importlib
+import sys
+import traceback
+from typing import Any
+
+import click
+
+INTERRUPTED = 130
+_COMMANDS = {  # name -> (module, what it does); the order is that of the help
+    "demo": ("service", "Start a service, run one insertion through it, show the result."),
+    "scenario": ("local", "List the built-in scenarios, or print one as JSON."),
+    "run": ("local", "Run one insertion in this process."),
+    "view": ("local", "Open a recording in the viewer, or make a picture of it."),
+    "serve": ("service", "Start the HTTP service."),
+    "submit": ("service", "Send a scenario to a service."),
+    "upload": ("uploads", "Send a tissue mesh, a model or a data set to a service."),
+    "uploads": ("uploads", "List what was sent to a service, or delete it."),
+    "jobs": ("service", "List the jobs of a service."),
+    "show": ("jobs", "Show one job of a service, its events or its log."),
+    "cancel": ("service", "Cancel a job of a service."),
+    "dataset": ("learning", "Run the insertions that learned controllers are trained on."),
+    "paper": ("paper", "Rerun the paper: data set, ELM, insertions, statistics, report."),
+    "train": ("learning", "Train the model of a learned controller."),
+    "models": ("models", "List the models of a service, train more."),
+    "example": ("learning", "Print an example to begin with, such as a controller of your own."),
+    "retry": ("service", "Run a job of a service again that failed or was cancelled."),
+    "pin": ("jobs", "Keep a job whatever is cleared away."),
+    "unpin": ("jobs", "Keep a job no longer."),
+    "recording": ("recording", "Open or fetch the recording of a job."),
+    "verify": ("verify", "Run a result again: does the same come out?"),
+    "gc": ("operations", "Clear away old jobs and their files, and unused uploads."),
+    "doctor": ("operations", "Check this installation: versions, cache, disk, port, viewer, data folder."),
+    "key": ("key", "Make, list and revoke the API keys of a data folder."),
+    "campaign": ("campaign", "Run suites and parameter grids, compare them, see their trend."),
+    "schedule": ("schedule", "Run campaigns by the clock."),
+    "bench": ("bench", "Measure speed and convergence, or compare two measurements."),
+}
+_EPILOG = """
+\b
+See it work, from nothing to a recording:
+  needlebench demo
+
+\b
+One run in this process, with changes of your own:
+  needlebench scenario demo > mine.json
+  needlebench run mine.json --out results/first --set tissue.young_kpa=4.5
+  needlebench view results/first/recording.rrd
+
+\b
+A service that runs jobs for you, in a second terminal:
+  needlebench serve
+  needlebench submit mine.json --wait
+  needlebench jobs
+
+\b
+Exit codes of run, submit --wait and demo:
+  0 successful   3 completed without success, or not converged
+  2 bad input    1 crash (where: needlebench --debug ...)   130 Ctrl-C
+"""
+
+
+class Commands(click.Group):
+    """A group that imports a command when it is run, and turns errors into one line and an exit code."""
+
+    def list_commands(self, ctx: click.Context) -> list[str]:
+        return list(_COMMANDS)
+
+    def get_command(self, ctx: click.Context, cmd_name: str) -> click.Command | None:
+        if cmd_name not in _COMMANDS:
+            return None
+        module = importlib.import_module(f"service.cli.{_COMMANDS[cmd_name][0]}")
+        command = getattr(module, cmd_name)
+        return command if isinstance(command, click.Command) else None
+
+    def resolve_command(
+        self, ctx: click.Context, args: list[str]
+    ) -> tuple[str | None, click.Command | None, list[str]]:
+        if args and args[0] not in _COMMANDS and not args[0].startswith("-"):
+            ctx.fail(f"No such command {args[0]!r}. There are: {', '.join(_COMMANDS)}.")
+        return super().resolve_command(ctx, args)
+
+    def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
+        with formatter.section("Commands"):
+            formatter.write_dl([(name, text) for name, (_, text) in _COMMANDS.items()])
+
+    def invoke(self, ctx: click.Context) -> Any:
+        try:
+            return super().invoke(ctx)
+        except (click.ClickException, click.exceptions.Exit, click.Abort):
+            raise
+        except KeyboardInterrupt:
+            click.echo("needlebench: interrupted", err=True)
+            ctx.exit(INTERRUPTED)
+        except Exception as error:
+            ctx.exit(_report(error, debug=bool(ctx.params.get("debug"))))
+
+
+def _report(error: Exception, *, debug: bool) -> int:
+    """Say on stderr what went wrong; the exit code that goes with it."""
+    from simcore.errors import NeedlebenchError, ScenarioError
+
+    if debug:
+        traceback.print_exception(error, file=sys.stderr)
+    if isinstance(error, ScenarioError):
+        for problem in error.problems:
+            click.echo(f"needlebench: {problem}", err=True)
+        return 2
+    if isinstance(error, NeedlebenchError):
+        click.echo(f"needlebench: {error}", err=True)
+    elif not debug:
+        text = str(error).strip().split("\n")[0]
+        click.echo(f"needlebench: crashed: {type(error).__name__}: {text}", err=True)
+        click.echo("To see where: needlebench --debug ... or NEEDLEBENCH_DEBUG=1", err=True)
+    return 1
+
+
+def _print_version(ctx: click.Context, _parameter: click.Parameter, asked: bool) -> None:
+    if asked and not ctx.resilient_parsing:
+        from service.version import installed_version
+
+        click.echo(f"needlebench {installed_version()}")
+        ctx.exit()
+
+
+@click.command(
+    cls=Commands,
+    epilog=_EPILOG,
+    context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 100},
+)
+@click.option(
+    "--version",
+    is_flag=True,
+    is_eager=True,
+    expose_value=False,
+    callback=_print_version,
+    help="Print the version and exit.",
+)
+@click.option("--debug", is_flag=True, envvar="NEEDLEBENCH_DEBUG", help="Show the traceback of a crash.")
+def main(debug: bool) -> None:
+    """Reproducible benchmarks for robotic needle steering in deforming tissue.
+
+    Simulates a flexible needle that a robot steers through a deforming block of soft tissue, measures how well it
+    follows its path, and records everything for viewing.
+    """

@@ -1,0 +1,142 @@
+"""The client's calls about campaigns and schedules."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any, Self
+
+from service.client.connection import Connection, part
+
+_PAUSE_S = 1.0
+
+
+@dataclass(frozen=True, kw_only=True)
+class CampaignStatus:
+    """A campaign as the service told it; `raw` is its JSON. jobs: how many are in which state."""
+
+    id: str
+    name: str
+    suite: str
+    state: str
+    cases: int
+    jobs: Mapping[str, int]
+    fraction: float
+    eta_s: float | None
+    created_at: str
+    raw: Mapping[str, Any] = field(repr=False)
+
+    @classmethod
+    def of(cls, raw: Mapping[str, Any]) -> Self:
+        named = {name: raw[name] for name in cls.__dataclass_fields__ if name != "raw"}
+        return cls(**named, raw=raw)
+
+    @property
+    def terminal(self) -> bool:
+        """Whether nothing will happen to it any more."""
+        return self.state != "running"
+
+    @property
+    def ended(self) -> int:
+        """How many of its jobs have ended."""
+        return sum(count for state, count in self.jobs.items() if state not in ("queued", "running"))
+
+
+class CampaignCalls(Connection):
+    """Campaigns, schedules, comparisons and trends."""
+
+    def suites(self) -> dict[str, str]:
+        """Named suites: name -> one line on it."""
+        return {item["name"]: item["title"] for item in self._json("GET", "/api/v1/suites")["items"]}
+
+    def plan_campaign(self, request: Mapping[str, Any]) -> dict[str, Any]:
+        """What `start_campaign` would run: jobs, steps, seconds, suite, suite_sha256."""
+        return dict(self._json("POST", "/api/v1/campaigns", params={"dry_run": 1}, json=dict(request)))
+
+    def start_campaign(self, request: Mapping[str, Any]) -> CampaignStatus:
+        """Run a suite, `{"suite": NAME}`, or a grid, `{"scenario": ..., "grid": {"seed": [0, 1]}}`."""
+        return CampaignStatus.of(self._json("POST", "/api/v1/campaigns", json=dict(request)))
+
+    def campaign(self, campaign_id: str) -> CampaignStatus:
+        """The campaign as it is now."""
+        return CampaignStatus.of(self._json("GET", f"/api/v1/campaigns/{part(campaign_id)}"))
+
+    def campaigns(self, *, suite: str | None = None, limit: int = 20) -> Iterator[CampaignStatus]:
+        """Campaigns, newest first, page by page."""
+        left, cursor = limit, None
+        while left > 0:
+            params = {"suite": suite, "limit": min(100, left), "cursor": cursor}
+            page = self._json("GET", "/api/v1/campaigns", params={k: v for k, v in params.items() if v is not None})
+            yield from map(CampaignStatus.of, page["items"])
+            left, cursor = left - len(page["items"]), page["next_cursor"]
+            if cursor is None:
+                return
+
+    def wait_campaign(
+        self, campaign_id: str, *, progress: Callable[[CampaignStatus], None] | None = None
+    ) -> CampaignStatus:
+        """Until the campaign has ended; `progress` sees it about once a second."""
+        while True:
+            now = self.campaign(campaign_id)
+            if progress is not None:
+                progress(now)
+            if now.terminal:
+                return now
+            time.sleep(_PAUSE_S)
+
+    def cancel_campaign(self, campaign_id: str) -> CampaignStatus:
+        """Cancel what is queued and what runs; what is finished stays."""
+        return CampaignStatus.of(self._json("POST", f"/api/v1/campaigns/{part(campaign_id)}/cancel"))
+
+    def delete_campaign(self, campaign_id: str) -> None:
+        """Forget a campaign that has ended, with its jobs and their files."""
+        self._request("DELETE", f"/api/v1/campaigns/{part(campaign_id)}")
+
+    def campaign_results(self, campaign_id: str) -> dict[str, Any]:
+        """Scores and tests over the insertions that have ended."""
+        return dict(self._json("GET", f"/api/v1/campaigns/{part(campaign_id)}/results"))
+
+    def campaign_csv(self, campaign_id: str, path: Path) -> Path:
+        """Download a table with a line for each insertion that has ended. Returns `path`."""
+        return self._download(f"/api/v1/campaigns/{part(campaign_id)}/results?format=csv", path)
+
+    def campaign_report(self, campaign_id: str, path: Path) -> Path:
+        """Download the report page. Returns `path`."""
+        return self._download(f"/api/v1/campaigns/{part(campaign_id)}/report", path)
+
+    def compare(self, campaigns: Sequence[str], controllers: Sequence[str] | None = None) -> dict[str, Any]:
+        """Paired tests between two campaigns, or between two controllers of one."""
+        body = {"campaigns": list(campaigns), "controllers": None if controllers is None else list(controllers)}
+        return dict(self._json("POST", "/api/v1/comparisons", json=body))
+
+    def trend(self, suite: str) -> list[dict[str, Any]]:
+        """The suite's campaigns, oldest first, each with what became of it against those before."""
+        return list(self._json("GET", f"/api/v1/trends/{part(suite)}")["points"])
+
+    # -- schedules
+
+    def schedules(self) -> list[dict[str, Any]]:
+        """All schedules, by name."""
+        return list(self._json("GET", "/api/v1/schedules")["items"])
+
+    def add_schedule(self, request: Mapping[str, Any]) -> dict[str, Any]:
+        """A new one: `{"name": ..., "cron": "0 2 * * *", "timezone": "Europe/Paris", "campaign": {"suite": ...}}`."""
+        return dict(self._json("POST", "/api/v1/schedules", json=dict(request)))
+
+    def change_schedule(self, schedule_id: str, changes: Mapping[str, Any]) -> dict[str, Any]:
+        """Other values for some of its fields."""
+        return dict(self._json("PATCH", f"/api/v1/schedules/{part(schedule_id)}", json=dict(changes)))
+
+    def trigger_schedule(self, schedule_id: str) -> dict[str, Any]:
+        """Run its campaign now; what became of that."""
+        return dict(self._json("POST", f"/api/v1/schedules/{part(schedule_id)}/trigger"))
+
+    def schedule_runs(self, schedule_id: str, *, limit: int = 20) -> list[dict[str, Any]]:
+        """What became of its ticks, newest first."""
+        return list(self._json("GET", f"/api/v1/schedules/{part(schedule_id)}/runs", params={"limit": limit})["items"])
+
+    def delete_schedule(self, schedule_id: str) -> None:
+        """Forget a schedule and its history; the campaigns that it started stay."""
+        self._request("DELETE", f"/api/v1/schedules/{part(schedule_id)}")

@@ -1,0 +1,69 @@
+"""Looks after what spans jobs: ends campaigns whose jobs have ended, fires schedules, clears away old jobs."""
+
+from __future__ import annotations
+
+import logging
+import threading
+import time
+from collections.abc import Callable
+
+from service.admission.campaign_planner import Planner
+from service.campaigns import trends
+from service.engine.retention import Cleared
+from service.store.campaigns import CampaignStore
+from service.store.schedule import STARTED
+from service.store.schedules import ScheduleStore
+
+_log = logging.getLogger("needlebench")
+_LOOK_S = 1.0
+SWEEP_S = 86_400.0
+
+
+class Keeper(threading.Thread):
+    """A thread of the server. What it does is in the database before anybody hears of it, so it may die at any time."""
+
+    def __init__(
+        self,
+        campaigns: CampaignStore,
+        schedules: ScheduleStore,
+        planner: Planner,
+        *,
+        poke: Callable[[], None],
+        sweep: Callable[[], Cleared] | None = None,
+        clock: Callable[[], float] = time.monotonic,
+    ) -> None:
+        """poke: jobs were queued. sweep: clears away old jobs, at the first look and then once a day; None = never."""
+        super().__init__(name="keeper", daemon=True)
+        self._campaigns, self._schedules, self._poke = campaigns, schedules, poke
+        self._planner = planner
+        self._sweep, self._clock = sweep, clock
+        self._next_sweep = clock()
+        self._stopping = threading.Event()
+
+    def run(self) -> None:
+        while not self._stopping.wait(_LOOK_S):
+            try:
+                self.look()
+            except Exception as error:  # a full disk, a locked database: the next look tries again
+                _log.error("campaigns, schedules, retention: %s: %s", type(error).__name__, error)
+
+    def look(self) -> None:
+        """One look at all of them."""
+        for campaign in self._campaigns.settle():
+            trends.kept_point(self._campaigns, campaign)
+            _log.info("campaign %s (%s) is %s", campaign.id, campaign.name, campaign.state)
+        fired = self._schedules.fire_due(self._planner.of_stored)
+        for run in fired:
+            _log.info("schedule %s: tick %.0f: %s %s", run.schedule_id, run.scheduled_for, run.outcome, run.message)
+        if any(run.outcome == STARTED for run in fired):
+            self._poke()
+        if self._sweep is not None and self._clock() >= self._next_sweep:
+            self._next_sweep = self._clock() + SWEEP_S
+            cleared = self._sweep()
+            _log.info("retention: %d jobs cleared away, %d bytes", len(cleared.jobs), cleared.bytes)
+
+    def stop(self) -> None:
+        """End the thread; on return it is gone."""
+        self._stopping.set()
+        if self.is_alive():
+            self.join()

@@ -1,0 +1,1 @@
+"""Small files and their names: uploads by name, locks, disk space, series in other formats."""

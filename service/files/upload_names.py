@@ -1,0 +1,40 @@
+"""How scenarios name uploaded files: `artefact:<id>`. Workers know this much and no database."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+
+from simcore.file_names import NoSuchFile
+
+SCHEME = "artefact:"
+SUFFIXES = {
+    "mesh": (".msh", ".vtu", ".vtk", ".mesh", ".inp"),
+    "model": (".json",),
+    "dataset": (".npz",),
+}
+NAMES = {"mesh": "mesh", "model": "model", "dataset": "data set"}  # in sentences
+UPLOAD_ID = r"[0-9a-f]{64}\.[a-z]{1,8}"
+NAME = r"[A-Za-z0-9_][A-Za-z0-9_ .+()-]{0,99}"
+
+
+class UploadLookup:
+    """What file names in scenarios mean to the service: `artefact:<id>`, nothing else. `used` collects the ids."""
+
+    def __init__(self, folder: Path) -> None:
+        self._folder = folder
+        self.used: set[str] = set()
+
+    def __call__(self, name: str) -> Path:
+        """The file. Raises NoSuchFile; a name that is no id is not looked at any further."""
+        upload_id = name.removeprefix(SCHEME)
+        if not name.startswith(SCHEME) or not re.fullmatch(UPLOAD_ID, upload_id):
+            raise NoSuchFile(
+                "names a file on this machine, which is not accepted here: send the file with `needlebench upload` "
+                f"and write {SCHEME}ID"
+            )
+        path = self._folder / upload_id
+        if not path.is_file():
+            raise NoSuchFile("is no upload of this service, or was deleted: send the file with `needlebench upload`")
+        self.used.add(upload_id)
+        return path

@@ -1,0 +1,150 @@
+"""A rerun of the paper in a folder: the plan's stages, with worker processes, storage and training handed to them."""
+
+from __future__ import annotations
+
+import shutil
+import tempfile
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import closing
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Protocol
+
+import numpy as np
+
+from benchmarks.cases import Case, Outcome, RunMany
+from benchmarks.paper import pipeline as paper
+from benchmarks.paper.plan import Cost, Plan, Stage, probes, steps
+from service.local.paper_folder import RECORDINGS, SCHEMA, SERIES, PaperFolder, write_text
+from service.worker.crew import RECORDING, Crew
+from simcore.errors import NeedlebenchError, Problem, ScenarioError
+from simcore.file_names import names_mean
+from simcore.provenance import commit
+from simcore.rollout.dataset import Dataset, Table, save_dataset, table_one
+
+DATASET = "dataset.npz"
+SPARE = 1.2  # of the estimated disk space
+
+
+class NotReproduced(NeedlebenchError):
+    """A second run of the same scenario gave another digest."""
+
+
+class NoCost(NeedlebenchError):
+    """The two insertions that are to tell what a step costs did not work."""
+
+
+class Watcher(Protocol):
+    """Who is told how far it is."""
+
+    def begin(self, stage: Stage) -> None:
+        """A stage begins."""
+
+    def ended(self, outcome: Outcome, *, fresh: bool) -> None:
+        """An insertion of it is there; `fresh`: it was run now."""
+
+    def say(self, text: str) -> None:
+        """Something else happens."""
+
+
+def identity(plan: Plan) -> dict[str, Any]:
+    """What makes a run the same run; the content of run.json."""
+    scale = plan.scale.model_dump(mode="json")
+    return {"schema": SCHEMA, "scale": scale, "plan_sha256": plan.sha256, "commit": commit()}
+
+
+def measured_cost(plan: Plan, crew: Crew) -> Cost:
+    """CPU seconds of a step, from two insertions at the plan's discretisation. Raises NoCost."""
+    each = {}
+    with tempfile.TemporaryDirectory(prefix="needlebench-") as scratch:
+        for outcome in crew.run_many(probes(plan.scale), folder=Path(scratch)):
+            if "cost" not in outcome.result:
+                raise NoCost(f"{outcome.case.id}: {outcome.result['message']}")
+            each[outcome.case.id] = outcome.result["cost"]["cpu_s"] / steps(outcome.case)
+    return Cost(ifem_s=each["probe-ifem"], plain_s=each["probe-plain"])
+
+
+def enough_space(plan: Plan, path: Path) -> None:
+    """Raises ScenarioError if there is less space than the plan needs where the folder is or will be."""
+    there = path.absolute()
+    while not there.exists():
+        there = there.parent
+    free = shutil.disk_usage(there).free
+    if free < SPARE * plan.bytes:
+        needed = f"needs about {plan.bytes / 1e6:.0f} MB and some to spare, {free / 1e6:.0f} MB are free"
+        raise ScenarioError([Problem("--out", str(path), needed)])
+
+
+@dataclass(frozen=True)
+class PaperRun:
+    """One run, or its continuation. train: (kind, seed, data) -> text of a model file."""
+
+    plan: Plan
+    folder: PaperFolder
+    crew: Crew
+    watcher: Watcher
+    train: Callable[[str, int, Dataset], str]
+
+    def run(self) -> paper.Findings:
+        """Every stage; what the folder already has is not run again."""
+        root = self.folder.path
+        with names_mean(lambda name: root / name):
+            return paper.rerun(self.plan, self._hands())
+
+    def _hands(self) -> paper.Hands:
+        return paper.Hands(
+            run_many=self._run(alone=False),
+            run_alone=self._run(alone=True),
+            begin=self.watcher.begin,
+            table=self._table,
+            keep=lambda data: save_dataset(data, self.folder.path / DATASET),
+            train=self.train,
+            store=lambda name, text: write_text(self.folder.path / name, text),
+            stored=lambda name: (self.folder.path / name).exists(),
+            record=self._record,
+        )
+
+    def _run(self, *, alone: bool) -> RunMany:
+        """`run_many` of what is not in the folder yet, told to the watcher."""
+
+        def run(cases: Sequence[Case]) -> Iterator[Outcome]:
+            new: set[str] = set()
+
+            def fresh(left: Sequence[Case]) -> Iterator[Outcome]:
+                new.update(case.id for case in left)
+                with closing(self.crew.run_many(left, alone=alone)) as outcomes:
+                    yield from outcomes
+
+            for outcome in self.folder.remembering(fresh)(cases):
+                self.watcher.ended(outcome, fresh=outcome.case.id in new)
+                yield outcome
+
+        return run
+
+    def _table(self, case: Case) -> Table:
+        with np.load(self.folder.path / SERIES / f"{case.id}.npz", allow_pickle=False) as file:
+            return table_one(file)
+
+    def _record(self, outcomes: Sequence[Outcome]) -> dict[str, str]:
+        """Recordings by case id, relative to the folder. Raises NotReproduced for a digest that is not the first."""
+        names = {outcome.case.id: f"{RECORDINGS}/{outcome.case.id}.rrd" for outcome in outcomes}
+        before = {outcome.case.id: outcome.result["digest"] for outcome in outcomes}
+        missing = [outcome.case for outcome in outcomes if not (self.folder.path / names[outcome.case.id]).exists()]
+        self.watcher.say(f"recording {len(missing)} of {len(names)} chosen cases again")
+        if not missing:
+            return names
+        drafts = self.folder.path / f".{RECORDINGS}"
+        shutil.rmtree(drafts, ignore_errors=True)
+        drafts.mkdir()
+        with closing(self.crew.run_many(missing, runner=RECORDING, folder=drafts)) as done:
+            for outcome in done:
+                name, result = outcome.case.id, outcome.result
+                if result["digest"] != before[name]:
+                    raise NotReproduced(f"{name}: its rerun has the digest {result['digest']}, not {before[name]}")
+                if result.get("recording_warning"):
+                    self.watcher.say(f"warning: {name}: {result['recording_warning']}")
+                    del names[name]
+                    continue
+                (drafts / f"{name}.rrd").replace(self.folder.path / names[name])
+        shutil.rmtree(drafts, ignore_errors=True)
+        return names

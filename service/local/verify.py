@@ -1,0 +1,210 @@
+"""Reruns a result from what it says about itself, and tells whether the same came out, and if not, where."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from service.files.upload_names import SCHEME, UPLOAD_ID
+from service.worker.attempt import clean
+from simcore.errors import NeedlebenchError
+from simcore.file_names import NoSuchFile, names_mean
+from simcore.provenance import provenance
+
+if TYPE_CHECKING:
+    from simcore.rollout.records import Observer
+    from simcore.rollout.rollout import Rollout
+
+EQUAL_MM = 1e-6  # of the tip's path: what another processor or library may change in a stable run
+Arrays = Mapping[str, NDArray[Any]]
+
+
+class CannotVerify(NeedlebenchError):
+    """A result that does not say how it came about."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Difference:
+    """Where two runs part. step: the first row that differs; largest: over all rows, in the array's own unit."""
+
+    array: str
+    step: int
+    before: float
+    now: float
+    largest: float
+
+
+@dataclass(frozen=True, kw_only=True)
+class Verdict:
+    """identical: to the last bit. equal: the tip's path within 1e-6 mm. changed: what is not as it was then, such as
+    the commit: name -> [then, now]."""
+
+    verdict: Literal["identical", "equal", "different"]
+    digest_before: str
+    digest_now: str
+    status_before: str
+    status_now: str
+    tip_mm: float | None
+    first: Difference | None
+    note: str
+    changed: dict[str, list[Any]]
+
+    @property
+    def reproduced(self) -> bool:
+        """Identical or equal."""
+        return self.verdict != "different"
+
+    def data(self) -> dict[str, Any]:
+        """As JSON data; numbers that are not finite become null."""
+        return dict(clean(asdict(self)))
+
+
+class Files:
+    """What names of files in a scenario mean when it is run again: paths, and uploads that are in `folder`."""
+
+    def __init__(self, folder: Path | None) -> None:
+        self._folder = folder
+
+    def __call__(self, name: str) -> Path:
+        """The file. Raises NoSuchFile."""
+        if not name.startswith(SCHEME):
+            return Path(name)
+        place = "it is not known of which" if self._folder is None else f"{self._folder} does not have it"
+        found = None if self._folder is None else self._folder / name.removeprefix(SCHEME)
+        if found is None or not re.fullmatch(UPLOAD_ID, found.name) or not found.is_file():
+            message = "is an upload of a service, and {}: give the service's data folder by --data, or verify its job"
+            raise NoSuchFile(message.format(place))
+        return found
+
+
+def uploads_beside(path: Path) -> Path | None:
+    """The uploads of the data folder in which a result lies, as jobs/JOB/ATTEMPT/result.json; None elsewhere."""
+    above = path.absolute().parents
+    return above[3] / "uploads" if len(above) > 3 and above[2].name == "jobs" else None
+
+
+def verify(
+    result: Mapping[str, Any],
+    series: Arrays | None,
+    observer: Observer | None = None,
+    *,
+    uploads: Path | None = None,
+) -> Verdict:
+    """Run `result["provenance"]["scenario"]` again and compare.
+
+    series: the arrays beside the result; without them only "identical" and "different" can be told. uploads: folder of
+    those that the scenario names by their ids.
+    Raises CannotVerify for what is no result, ScenarioError for a scenario that this version refuses.
+    """
+    from simcore.rollout.rollout import run
+    from simcore.scenario.scenario import Scenario
+
+    origin = origin_of(result)
+    scenario = {**origin["scenario"], "recording": {"enabled": False}}  # which the digest leaves out
+    with names_mean(Files(uploads)):
+        return compare(result, series, run(Scenario.load(scenario), observer))
+
+
+def origin_of(result: Mapping[str, Any]) -> Mapping[str, Any]:
+    """The provenance of a result. Raises CannotVerify."""
+    origin = result.get("provenance")
+    if not isinstance(origin, Mapping) or not isinstance(origin.get("scenario"), Mapping):
+        raise CannotVerify("this is no result: it has no provenance.scenario to run again")
+    if not isinstance(result.get("digest"), str):
+        raise CannotVerify("this is no result: it has no digest")
+    return origin
+
+
+def compare(result: Mapping[str, Any], series: Arrays | None, again: Rollout) -> Verdict:
+    """The verdict on a run and the same run of before."""
+    identical = again.digest == result["digest"]
+    first = None if identical or series is None else first_difference(series, again.series)
+    tip_mm = 0.0 if identical else _tip_mm(series, again.series)
+    same_end = str(result.get("status")) == str(again.status)
+    equal = same_end and tip_mm is not None and tip_mm <= EQUAL_MM
+    return Verdict(
+        verdict="identical" if identical else "equal" if equal else "different",
+        digest_before=result["digest"],
+        digest_now=again.digest,
+        status_before=str(result.get("status")),
+        status_now=str(again.status),
+        tip_mm=tip_mm,
+        first=first,
+        note=_note(identical, series, again.series),
+        changed=changed(origin_of(result), provenance(again.scenario.resolved())),
+    )
+
+
+def first_difference(before: Arrays, now: Arrays) -> Difference | None:
+    """The first row in which an array that has one row a step differs, the tip's path before others of that row."""
+    from simcore.rollout.rollout import UNDIGESTED
+
+    found = []
+    for name in sorted(before.keys() & now.keys() - set(UNDIGESTED), key=lambda name: (name != "tip_m", name)):
+        difference = _in_array(name, before[name], now[name])
+        if difference is not None:
+            found.append(difference)
+    return min(found, key=lambda difference: difference.step, default=None)
+
+
+def _in_array(name: str, before: NDArray[Any], now: NDArray[Any]) -> Difference | None:
+    if before.ndim == 0 or now.ndim == 0 or before.shape[1:] != now.shape[1:]:
+        return None
+    rows = min(len(before), len(now))
+    old, new = (array[:rows].reshape(rows, -1).astype(np.float64) for array in (before, now))
+    unequal = ~((old == new) | (np.isnan(old) & np.isnan(new)))
+    if not unequal.any():
+        return None
+    step = int(np.argmax(unequal.any(axis=1)))
+    column = int(np.argmax(unequal[step]))
+    values = float(old[step, column]), float(new[step, column])
+    apart = np.abs(old - new)[unequal]
+    largest = float(np.where(np.isnan(apart), np.inf, apart).max())
+    return Difference(array=name, step=step, before=values[0], now=values[1], largest=largest)
+
+
+def _tip_mm(before: Arrays | None, now: Arrays) -> float | None:
+    """The largest distance between the tips of the same step, mm; None without a path of the same length."""
+    if before is None or "tip_m" not in before or before["tip_m"].shape != now["tip_m"].shape:
+        return None
+    return 1e3 * float(np.linalg.norm(before["tip_m"] - now["tip_m"], axis=1).max())
+
+
+def _note(identical: bool, before: Arrays | None, now: Arrays) -> str:
+    if identical:
+        return ""
+    if before is None:
+        return "no series.npz was found beside the result: where the runs part cannot be told"
+    if "tip_m" in before and len(before["tip_m"]) != len(now["tip_m"]):
+        return f"the run had {len(before['tip_m']) - 1} steps then, and has {len(now['tip_m']) - 1} now"
+    return ""
+
+
+def changed(before: Mapping[str, Any], now: Mapping[str, Any]) -> dict[str, list[Any]]:
+    """Commit, versions and machine that are not the same: name -> [then, now]."""
+    found = {}
+    for name in ("commit", "platform", "cpu", "byte_order"):
+        if before.get(name) != now.get(name):
+            found[name] = [before.get(name), now.get(name)]
+    old, new = before.get("versions") or {}, now["versions"]
+    for name in sorted(old.keys() | new.keys()):
+        if old.get(name) != new.get(name):
+            found[name] = [old.get(name), new.get(name)]
+    return found
+
+
+def load_series(path: Path) -> dict[str, NDArray[Any]] | None:
+    """The arrays of a series file, or None when there is none. Raises CannotVerify for one that cannot be read."""
+    if not path.is_file():
+        return None
+    try:
+        with np.load(path, allow_pickle=False) as file:
+            return {name: file[name] for name in file.files}
+    except (OSError, ValueError, EOFError) as error:
+        raise CannotVerify(f"{path} cannot be read: {error}") from None

@@ -1,0 +1,142 @@
+"""The Rerun web viewer out of the installed wheel: the one that matches the recordings, without any network.
+
+Its own server is started once, on loopback, its files are kept and it is stopped. They are served from here with links
+to fonts elsewhere taken out, and with a policy that allows the scripts of its page by their digests. The viewer would
+ask its maker's servers for news and tell them of its use: the policy lets nothing out, and a script of ours answers
+first, so that the console has nothing to complain of.
+"""
+
+from __future__ import annotations
+
+import base64
+import gzip
+import hashlib
+import os
+import re
+import shutil
+import subprocess
+import tempfile
+import threading
+import urllib.request
+from importlib.metadata import version
+from pathlib import Path
+from typing import IO
+
+from service.recording.viewer import LOOPBACK, ViewerError, environment, program
+
+PROGRAM = "re_viewer_bg.wasm"
+WASM = b"\0asm"  # how every WebAssembly program begins
+FILES = {
+    "index.html": "text/html; charset=utf-8",
+    "re_viewer.js": "text/javascript; charset=utf-8",
+    PROGRAM: "application/wasm",
+    "favicon.ico": "image/x-icon",
+}
+QUIET = """
+const reach = fetch;
+fetch = (asked, how) => {
+  const url = new URL(asked.url ?? asked, location.href);
+  const inside = url.origin === location.origin || ["blob:", "data:"].includes(url.protocol);
+  return inside ? reach(asked, how) : Promise.resolve(new Response(null, { status: 204 }));
+};
+"""
+_FORM = 2  # of the files as they are kept here: after a change of ours they are taken out anew
+_START_TIMEOUT_S = 60.0
+_WORTH_PACKING = 10_000  # bytes
+_lock = threading.Lock()
+
+
+def folder(data: Path) -> Path:
+    """Where the files are, taken out of the wheel if they are not there yet. Raises ViewerError.
+
+    A file above 10 kB is there packed too, as NAME.gz.
+    """
+    home = _home(data)
+    with _lock:
+        if not home.is_dir():
+            _take_out(home)
+    return home
+
+
+def edition() -> str:
+    """Which viewer it is, and which form of ours."""
+    return f"{version('rerun-sdk')}-{_FORM}"
+
+
+def kept(data: Path) -> Path | None:
+    """Where the files are if they were taken out already."""
+    home = _home(data)
+    return home if home.is_dir() else None
+
+
+def _home(data: Path) -> Path:
+    return data / "viewer" / edition()
+
+
+def _take_out(home: Path) -> None:
+    home.parent.mkdir(parents=True, exist_ok=True)
+    draft = Path(tempfile.mkdtemp(prefix=".draft-", dir=home.parent))
+    try:
+        for name, content in served().items():
+            (draft / name).write_bytes(_cleaned(content) if name == "index.html" else content)
+            if len(content) > _WORTH_PACKING and name != "index.html":
+                (draft / f"{name}.gz").write_bytes(gzip.compress(content, 5, mtime=0))
+        os.replace(draft, home)
+    except OSError as error:
+        raise ViewerError(f"the web viewer cannot be read or kept: {error}") from None
+    finally:
+        shutil.rmtree(draft, ignore_errors=True)
+
+
+def served() -> dict[str, bytes]:
+    """Every file as the viewer's own server gives it. Raises ViewerError, OSError."""
+    arguments = ["--serve-web", "--bind", LOOPBACK, "--port", "0", "--web-viewer-port", "0"]
+    process = subprocess.Popen(
+        [program(), *arguments],
+        env={**environment(), "NO_COLOR": "1"},
+        stdin=subprocess.DEVNULL,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.STDOUT,
+        text=True,
+    )
+    too_late = threading.Timer(_START_TIMEOUT_S, process.kill)
+    too_late.start()
+    try:
+        assert process.stdout is not None
+        url = _address(process.stdout)
+        return {name: _fetched(f"{url}/{name}") for name in FILES}
+    finally:
+        too_late.cancel()
+        process.kill()
+        process.communicate()
+
+
+def _address(said: IO[str]) -> str:
+    for line in said:
+        if found := re.search(rf"web-viewer at (http://{re.escape(LOOPBACK)}:\d+)", line):  # and not its other port
+            return found[1]
+    raise ViewerError("the web viewer did not start")
+
+
+def _fetched(url: str) -> bytes:
+    opener = urllib.request.build_opener(urllib.request.ProxyHandler({}))
+    with opener.open(url, timeout=_START_TIMEOUT_S) as answer:
+        content: bytes = answer.read()
+    return content
+
+
+def _cleaned(page: bytes) -> bytes:
+    """The page without links to elsewhere, without the icon that the wheel does not have, and quiet."""
+    text = re.sub(r"<link\b[^>]*(https?://|apple-touch-icon)[^>]*>", "", page.decode("utf-8"))
+    return text.replace("<script", f"<script>{QUIET}</script><script", 1).encode()
+
+
+def policy(page: bytes) -> str:
+    """What the viewer's page may do: run its own scripts as they are now and WebAssembly, read from this service."""
+    scripts = re.findall(rb"<script>(.*?)</script>", page, re.DOTALL)
+    digests = " ".join(f"'sha256-{base64.b64encode(hashlib.sha256(one).digest()).decode()}'" for one in scripts)
+    return (
+        f"default-src 'none'; script-src 'self' {digests} 'wasm-unsafe-eval'; style-src 'unsafe-inline'; "
+        "img-src 'self' data: blob:; connect-src 'self' blob: data:; worker-src 'self' blob:; "
+        "base-uri 'none'; form-action 'none'; frame-ancestors 'self'"
+    )

@@ -1,0 +1,292 @@
+"""All SQL of campaigns: made with their jobs in one transaction, ended when the last of these has ended."""
+
+from __future__ import annotations
+
+import secrets
+from collections.abc import Sequence
+from dataclasses import fields
+from typing import Any
+
+from sqlalchemy import Connection, Row, case, delete, func, insert, select, update
+
+from service.store import access_tables, tables
+from service.store.campaign import (
+    CANCELLED,
+    DONE,
+    RUNNING,
+    Campaign,
+    CampaignActive,
+    CampaignCase,
+    CampaignPlan,
+    Tally,
+    UnknownCampaign,
+)
+from service.store.campaign_tables import campaign as _campaign
+from service.store.campaign_tables import campaign_case as _case
+from service.store.job import QUEUED, TERMINAL
+from service.store.job import RUNNING as JOB_RUNNING
+from service.store.jobs import Store
+from service.store.upload_references import check_uploads
+
+_job = tables.job
+_COLUMNS = [_campaign.c[field.name] for field in fields(Campaign)]
+
+
+class CampaignStore:
+    """Campaigns and their cases, on the job store's connections and clock."""
+
+    def __init__(self, store: Store) -> None:
+        self._store = store
+
+    def create(self, plan: CampaignPlan) -> Campaign:
+        """A running campaign with all of its jobs queued, or nothing."""
+        with self._store.writing() as connection:
+            return self.create_within(connection, plan)
+
+    def create_within(
+        self,
+        connection: Connection,
+        plan: CampaignPlan,
+        *,
+        schedule_id: str | None = None,
+        scheduled_for: float | None = None,
+    ) -> Campaign:
+        """`create` as a part of a larger transaction."""
+        check_uploads(connection, plan.uploads, {"request": plan.request})
+        now = self._store.now
+        values = {
+            name: getattr(plan, name) for name in ("name", "request", "suite", "suite_sha256", "priority", "timeout_s")
+        }
+        row = connection.execute(
+            insert(_campaign)
+            .values(
+                **values,
+                id=secrets.token_hex(8),
+                cases=len(plan.jobs),
+                state=RUNNING,
+                cancel_requested=False,
+                schedule_id=schedule_id,
+                scheduled_for=scheduled_for,
+                created_at=now,
+                version=1,
+            )
+            .returning(*_COLUMNS)
+        ).one()
+        made = _to_campaign(row)
+        ids = [secrets.token_hex(8) for _ in plan.jobs]
+        if ids:
+            self._insert_jobs(connection, made, plan, ids, now)
+        return made
+
+    def _insert_jobs(
+        self, connection: Connection, made: Campaign, plan: CampaignPlan, ids: list[str], now: float
+    ) -> None:
+        common: dict[str, Any] = {
+            "state": QUEUED,
+            "priority": plan.priority,
+            "timeout_s": plan.timeout_s,
+            "attempt": 0,
+            "crashes": 0,
+            "cancel_requested": False,
+            "created_at": now,
+            "version": 1,
+        }
+        own = ("name", "spec", "spec_hash", "steps")
+        jobs = [{"id": i, **{n: getattr(job, n) for n in own}, **common} for i, job in zip(ids, plan.jobs, strict=True)]
+        connection.execute(insert(_job), jobs)
+        cases = [
+            {"campaign_id": made.id, "number": n, "case_id": job.case_id, "labels": job.labels, "job_id": i}
+            for n, (i, job) in enumerate(zip(ids, plan.jobs, strict=True))
+        ]
+        connection.execute(insert(_case), cases)
+        used = [{"job_id": i, "upload_id": upload} for i in ids for upload in plan.uploads]
+        if used:
+            connection.execute(insert(access_tables.job_upload), used)
+        data = {"priority": plan.priority, "timeout_s": plan.timeout_s, "campaign": made.id}
+        events = [{"job_id": i, "at": now, "kind": QUEUED, "attempt": 0, "data": data} for i in ids]
+        connection.execute(insert(tables.event), events)
+
+    # -- reading
+
+    def get(self, campaign_id: str) -> Campaign:
+        """Raises UnknownCampaign."""
+        with self._store.reading() as connection:
+            return self._read(connection, campaign_id)
+
+    def _read(self, connection: Connection, campaign_id: str) -> Campaign:
+        row = connection.execute(select(*_COLUMNS).where(_campaign.c.id == campaign_id)).one_or_none()
+        if row is None:
+            raise UnknownCampaign(f"there is no campaign {campaign_id}")
+        return _to_campaign(row)
+
+    def newest(
+        self,
+        *,
+        suite: str | None = None,
+        state: str | None = None,
+        schedule_id: str | None = None,
+        limit: int = 50,
+        before: int | None = None,
+    ) -> list[Campaign]:
+        """Campaigns, newest first, those that arrived before sequence number `before`."""
+        query = select(*_COLUMNS).order_by(_campaign.c.seq.desc()).limit(limit)
+        wanted = {"suite": suite, "state": state, "schedule_id": schedule_id}
+        for name, value in wanted.items():
+            if value is not None:
+                query = query.where(_campaign.c[name] == value)
+        if before is not None:
+            query = query.where(_campaign.c.seq < before)
+        with self._store.reading() as connection:
+            return [_to_campaign(row) for row in connection.execute(query)]
+
+    def tally(self, campaign_ids: list[str]) -> dict[str, Tally]:
+        """Where the jobs of these campaigns are."""
+        with self._store.reading() as connection:
+            return {i: _tally(connection, i) for i in campaign_ids}
+
+    def cases(self, campaign_id: str, *, results: bool = True) -> list[CampaignCase]:
+        """The cases in the order of the suite; a result is the job's while there is one. Raises UnknownCampaign."""
+        columns = [_case.c.number, _case.c.case_id, _case.c.labels, _case.c.job_id]
+        columns += [_job.c.state, _job.c.error_kind, _job.c.error]
+        query = (
+            select(*columns, *([_job.c.result.label("of_job"), _case.c.outcome] if results else []))
+            .select_from(_case.outerjoin(_job, _job.c.id == _case.c.job_id))
+            .where(_case.c.campaign_id == campaign_id)
+            .order_by(_case.c.number)
+        )
+        with self._store.reading() as connection:
+            self._read(connection, campaign_id)
+            return [_to_case(row, results) for row in connection.execute(query)]
+
+    def of_jobs(self, job_ids: Sequence[str]) -> dict[str, tuple[str, str]]:
+        """Job -> id and name of its campaign; without those that belong to none."""
+        query = select(_case.c.job_id, _campaign.c.id, _campaign.c.name).where(
+            _case.c.job_id.in_(job_ids), _campaign.c.id == _case.c.campaign_id
+        )
+        with self._store.reading() as connection:
+            return {job: (campaign, name) for job, campaign, name in connection.execute(query)}
+
+    # -- changing
+
+    def cancel(self, campaign_id: str) -> Campaign:
+        """Cancel what is queued, ask what runs to stop; once more, and after the end, is no error."""
+        with self._store.writing() as connection:
+            now = self._read(connection, campaign_id)
+            if now.terminal or now.cancel_requested:
+                return now
+            changed = self.cancel_within(connection, campaign_id)
+        self._store.notify(campaign_id)
+        return changed
+
+    def cancel_within(self, connection: Connection, campaign_id: str) -> Campaign:
+        """`cancel` as a part of a larger transaction."""
+        mine = select(_case.c.job_id).where(_case.c.campaign_id == campaign_id)
+        at = self._store.now
+        newer = {"version": _job.c.version + 1}
+        queued = update(_job).where(_job.c.id.in_(mine), _job.c.state == QUEUED)
+        stopped = connection.execute(queued.values(state=CANCELLED, finished_at=at, **newer).returning(_job.c.id)).all()
+        running = update(_job).where(_job.c.id.in_(mine), _job.c.state == JOB_RUNNING, ~_job.c.cancel_requested)
+        asked = connection.execute(running.values(cancel_requested=True, **newer).returning(_job.c.id)).all()
+        events = [
+            {"job_id": row.id, "at": at, "kind": kind, "attempt": 0, "data": {"campaign": campaign_id}}
+            for kind, rows in ((CANCELLED, stopped), ("cancel_requested", asked))
+            for row in rows
+        ]
+        if events:
+            connection.execute(insert(tables.event), events)
+            self._store.changed_within(event["job_id"] for event in events)
+        row = connection.execute(
+            update(_campaign)
+            .where(_campaign.c.id == campaign_id)
+            .values(cancel_requested=True, version=_campaign.c.version + 1)
+            .returning(*_COLUMNS)
+        ).one()
+        return _to_campaign(row)
+
+    def settle(self) -> list[Campaign]:
+        """End every running campaign whose jobs have all ended; their results are kept with the cases."""
+        active = (
+            select(_case.c.campaign_id)
+            .join(_job, _job.c.id == _case.c.job_id)
+            .where(_case.c.campaign_id == _campaign.c.id, _job.c.state.not_in(sorted(TERMINAL)))
+        )
+        query = select(_campaign.c.id).where(_campaign.c.state == RUNNING, ~active.exists())
+        with self._store.reading() as connection:
+            ended = connection.execute(query).scalars().all()
+        return [self._end(campaign_id) for campaign_id in ended]
+
+    def _end(self, campaign_id: str) -> Campaign:
+        result = select(_job.c.result).where(_job.c.id == _case.c.job_id).scalar_subquery()
+        keep = update(_case).where(_case.c.campaign_id == campaign_id, _case.c.job_id.is_not(None))
+        state = case((_campaign.c.cancel_requested, CANCELLED), else_=DONE)
+        with self._store.writing() as connection:
+            connection.execute(keep.values(outcome=result))
+            row = connection.execute(
+                update(_campaign)
+                .where(_campaign.c.id == campaign_id, _campaign.c.state == RUNNING)
+                .values(state=state, finished_at=self._store.now, version=_campaign.c.version + 1)
+                .returning(*_COLUMNS)
+            ).one_or_none()
+            ended = self._read(connection, campaign_id) if row is None else _to_campaign(row)
+        self._store.notify(campaign_id)
+        return ended
+
+    def points(self, suite: str, *, limit: int) -> list[tuple[Campaign, dict[str, Any] | None]]:
+        """The newest campaigns of a suite that were not cancelled, oldest first, each with its point if it was kept."""
+        query = select(*_COLUMNS, _campaign.c.point).where(_campaign.c.suite == suite, _campaign.c.state == DONE)
+        with self._store.reading() as connection:
+            rows = connection.execute(query.order_by(_campaign.c.seq.desc()).limit(limit)).all()
+        return [(_to_campaign(row), row.point) for row in reversed(rows)]
+
+    def keep_point(self, campaign_id: str, point: dict[str, Any]) -> None:
+        """Keep what the campaign adds to its suite's trend."""
+        with self._store.writing() as connection:
+            connection.execute(update(_campaign).where(_campaign.c.id == campaign_id).values(point=point))
+
+    def suites(self) -> list[str]:
+        """Suites of which a campaign has ended, by name."""
+        query = select(_campaign.c.suite).where(_campaign.c.state == DONE).distinct().order_by(_campaign.c.suite)
+        with self._store.reading() as connection:
+            return list(connection.execute(query).scalars())
+
+    def delete(self, campaign_id: str) -> list[str]:
+        """Forget a campaign that has ended, with its jobs; the ids of these, whose folders may go.
+
+        Raises UnknownCampaign, CampaignActive.
+        """
+        with self._store.writing() as connection:
+            if not self._read(connection, campaign_id).terminal:
+                raise CampaignActive(f"campaign {campaign_id} is running: cancel it first")
+            mine = select(_case.c.job_id).where(_case.c.campaign_id == campaign_id, _case.c.job_id.is_not(None))
+            ids = list(connection.execute(mine).scalars())
+            connection.execute(delete(_job).where(_job.c.id.in_(mine)))
+            self._store.changed_within(ids)
+            connection.execute(delete(_campaign).where(_campaign.c.id == campaign_id))
+        return ids
+
+
+def _tally(connection: Connection, campaign_id: str) -> Tally:
+    done = case((_job.c.state.in_(sorted(TERMINAL)), _job.c.steps), else_=0)
+    query = (
+        select(_job.c.state, func.count(), func.sum(_job.c.steps), func.sum(done))
+        .join(_case, _case.c.job_id == _job.c.id)
+        .where(_case.c.campaign_id == campaign_id)
+        .group_by(_job.c.state)
+    )
+    rows = connection.execute(query).all()
+    return Tally(
+        states={row[0]: row[1] for row in rows},
+        steps=sum(row[2] for row in rows),
+        steps_done=sum(row[3] for row in rows),
+    )
+
+
+def _to_campaign(row: Row[Any]) -> Campaign:
+    columns = {field.name: getattr(row, field.name) for field in fields(Campaign)}
+    return Campaign(**{**columns, "timeout_s": float(columns["timeout_s"])})
+
+
+def _to_case(row: Row[Any], results: bool) -> CampaignCase:
+    result = (row.of_job or row.outcome) if results else None
+    names = ("number", "case_id", "labels", "job_id", "state", "error_kind", "error")
+    return CampaignCase(**{name: getattr(row, name) for name in names}, result=result)

@@ -1,0 +1,93 @@
+"""The login of a browser, which can send no Bearer header with event streams and frames: a key becomes a cookie."""
+
+from __future__ import annotations
+
+import secrets
+from functools import cache
+from pathlib import Path
+from typing import Annotated
+from urllib.parse import parse_qs
+
+from fastapi import APIRouter, Query, Request
+from jinja2 import Environment, FileSystemLoader
+from starlette.concurrency import run_in_threadpool
+from starlette.responses import HTMLResponse, RedirectResponse, Response
+
+from service.api.context import ServiceOf
+from service.api.middleware.key_guard import COOKIE
+from service.store.keys import SESSION_S
+from service.version import installed_version
+
+router = APIRouter(include_in_schema=False)
+
+_LONGEST_FORM = 10_000
+_WRONG = "This key is not known here, or was revoked."
+
+
+@cache
+def templates() -> Environment:
+    """The pages of the service; values are escaped."""
+    return Environment(loader=FileSystemLoader(Path(__file__).parent / "templates"), autoescape=True)
+
+
+@router.get("/login")
+async def get_login(service: ServiceOf, goal: Annotated[str, Query(alias="next", max_length=8000)] = "/") -> Response:
+    """The form; straight to the goal where no key is asked for."""
+    if not await run_in_threadpool(service.keys.wanted):
+        return RedirectResponse(inside(goal), status_code=303)
+    return _form(goal)
+
+
+@router.post("/login")
+async def log_in(request: Request, service: ServiceOf) -> Response:
+    """The cookie, and on to the goal; or the form again."""
+    form = await _fields(request)
+    token = await run_in_threadpool(service.keys.log_in, form.get("key", "").strip())
+    if token is None:
+        return _form(form.get("next", "/"), problem=_WRONG)
+    answer = RedirectResponse(inside(form.get("next", "/")), status_code=303)
+    secure = request.url.scheme == "https"
+    answer.set_cookie(COOKIE, token, max_age=int(SESSION_S), httponly=True, samesite="strict", secure=secure)
+    return answer
+
+
+@router.post("/logout")
+async def log_out(request: Request, service: ServiceOf) -> Response:
+    """End the session and forget the cookie."""
+    if token := request.cookies.get(COOKIE):
+        await run_in_threadpool(service.keys.log_out, token)
+    answer = RedirectResponse("/login", status_code=303)
+    answer.delete_cookie(COOKIE, httponly=True, samesite="strict")
+    return answer
+
+
+def inside(goal: str) -> str:
+    """A path of this service; the start page instead of any address of elsewhere."""
+    leads_away = goal.startswith(("//", "/\\")) or not goal.startswith("/") or not goal.isprintable()
+    return "/" if leads_away or "\\" in goal or not goal.isascii() else goal
+
+
+async def _fields(request: Request) -> dict[str, str]:
+    """The fields of a posted form."""
+    body = b""
+    async for chunk in request.stream():
+        body += chunk
+        if len(body) > _LONGEST_FORM:
+            return {}
+    try:
+        given = parse_qs(body.decode("utf-8", "replace"), max_num_fields=20)
+    except ValueError:
+        return {}
+    return {name: values[-1] for name, values in given.items()}
+
+
+def _form(goal: str, *, problem: str = "") -> Response:
+    nonce = secrets.token_urlsafe(16)
+    page = templates().get_template("login.html")
+    html = page.render(nonce=nonce, goal=inside(goal), problem=problem, version=installed_version())
+    policy = (
+        f"default-src 'none'; style-src 'nonce-{nonce}'; img-src data:; form-action 'self'; "
+        "base-uri 'none'; frame-ancestors 'none'"
+    )
+    headers = {"Content-Security-Policy": policy, "Referrer-Policy": "same-origin", "Cache-Control": "no-store"}
+    return HTMLResponse(html, status_code=401 if problem else 200, headers=headers)

@@ -1,0 +1,209 @@
+"""What one worker process does with one job. Knows no database, no engine and no HTTP.
+
+`run_job` is the whole contract with an engine: a JSON specification and a folder in, a JSON result out.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import importlib
+import logging
+import math
+import os
+import signal
+import sys
+import time
+import traceback
+from collections.abc import Iterator
+from contextlib import ExitStack, contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from service.files.disk import REFUSALS
+from service.logs import LOG, ROOT, job_log
+from service.worker.progress import ProgressFile
+from service.worker.training_job import MODEL
+
+if TYPE_CHECKING:
+    from simcore.rollout.records import Observer, Scene, StepRecord
+    from simcore.rollout.rollout import Rollout
+    from simcore.scenario.scenario import Scenario
+
+KINDS = {"result.json": "result", "series.npz": "series", "recording.rrd": "recording", LOG: "log"}
+_log = logging.getLogger(ROOT)
+
+
+class Stopped(BaseException):
+    """The worker was told to stop; not an Exception, so that nothing between here and the kernel swallows it."""
+
+
+@dataclass(frozen=True)
+class Together:
+    """Several observers of one run."""
+
+    observers: tuple[Observer, ...]
+
+    def begin(self, scene: Scene, first: StepRecord) -> None:
+        for observer in self.observers:
+            observer.begin(scene, first)
+
+    def step(self, record: StepRecord) -> None:
+        for observer in self.observers:
+            observer.step(record)
+
+    def end(self, rollout: Rollout) -> None:
+        for observer in self.observers:
+            observer.end(rollout)
+
+
+def run_job(spec: dict[str, Any], artefact_dir: Path) -> dict[str, Any]:
+    """Run `spec["scenario"]`; write result.json, series.npz and, if wanted, recording.rrd into the folder.
+
+    spec: {"scenario": resolved scenario JSON, "job_id": str, "uploads": folder of the files that the scenario may name
+    by id}. Returns the JSON of result.json. A run that did not succeed or converge is a result like any other.
+    """
+    from service.files.upload_names import UploadLookup
+    from simcore.file_names import names_mean
+    from simcore.rollout import artefacts, rollout
+    from simcore.scenario.scenario import Scenario
+
+    with ExitStack() as stack:
+        stack.enter_context(names_mean(UploadLookup(Path(spec["uploads"]))))
+        scenario = Scenario.load(spec["scenario"])
+        _log.info(
+            "job %s: scenario %r, %d steps, seed %d", *(spec["job_id"], scenario.name, scenario.steps, scenario.seed)
+        )
+        for warning in scenario.warnings():
+            _log.warning("%s", warning)
+        observers: list[Observer] = [ProgressFile(artefact_dir)]
+        if scenario.recording.enabled:
+            recorder = _recorder(scenario, spec["job_id"], artefact_dir / "recording.rrd")
+            observers.append(stack.enter_context(recorder))
+        done = rollout.run(scenario, Together(tuple(observers)))
+    artefacts.write(done, artefact_dir)
+    _log.info("%s %s success=%s digest=%s", done.status, done.message, done.success, done.digest)
+    return done.result()
+
+
+@contextmanager
+def _recorder(scenario: Scenario, job_id: str, path: Path) -> Iterator[Observer]:
+    """A recorder of the job; a recording that went wrong is told in the log and changes nothing else."""
+    from service.recording.observer import RerunObserver
+    from simcore.provenance import provenance
+
+    origin = {"job_id": job_id, **provenance(scenario.resolved())}
+    del origin["scenario"]  # the recorder stores it by itself
+    with RerunObserver(path, recording_id=job_id, provenance=origin) as recorder:
+        yield recorder
+    if recorder.warning is not None:
+        _log.warning("job %s: %s", job_id, recorder.warning)
+
+
+def execute(runner: str, spec: dict[str, Any], folder: str) -> dict[str, Any]:
+    """Do a job with `runner` (module:function) in an empty folder; what it returned or why not, and what it cost.
+
+    Nothing is raised: an exception that reaches the engine means that the process is gone.
+    """
+    target = Path(folder)
+    started_s = time.process_time()
+    result, error = None, None
+    with stoppable():
+        try:
+            target.mkdir(parents=True, exist_ok=True)
+            with job_log(target / LOG):
+                result, error = _attempted(runner, spec, target)
+        except OSError as failure:  # not even the folder or its log
+            error = {"kind": "disk", "message": _told(spec, failure)}
+        files = describe(target)
+    cpu_s = time.process_time() - started_s
+    return {"result": result, "error": error, "artefacts": files, "cpu_s": cpu_s, "max_rss_mb": peak_rss_mb()}
+
+
+def _attempted(runner: str, spec: dict[str, Any], target: Path) -> tuple[Any, dict[str, str] | None]:
+    """The result, or the error in its place."""
+    try:
+        return clean(resolve(runner)(spec, target)), None
+    except MemoryError as failure:
+        return None, {"kind": "out_of_memory", "message": _told(spec, failure)}
+    except OSError as failure:
+        return None, {"kind": "disk" if failure.errno in REFUSALS else "exception", "message": _told(spec, failure)}
+    except Exception as failure:
+        return None, {"kind": "exception", "message": _told(spec, failure)}
+
+
+def _told(spec: dict[str, Any], failure: Exception) -> str:
+    """The exception and the place in our code where it was raised; the whole trace goes to the log."""
+    _log.error("job %s failed", spec.get("job_id"), exc_info=failure)
+    last = traceback.extract_tb(failure.__traceback__)[-1]
+    return f"{type(failure).__name__}: {failure} ({Path(last.filename).name}, line {last.lineno})"
+
+
+def resolve(name: str) -> Any:
+    """The function behind `module:function`."""
+    module, _, function = name.partition(":")
+    return getattr(importlib.import_module(module), function)
+
+
+@contextmanager
+def stoppable() -> Iterator[None]:
+    """A SIGTERM raises Stopped between two steps, so that a recording is closed; then the process ends."""
+
+    def stop(_signal: int, _frame: Any) -> None:
+        raise Stopped
+
+    before = signal.signal(signal.SIGTERM, stop)
+    try:
+        yield
+    except Stopped:
+        os._exit(128 + signal.SIGTERM)
+    finally:
+        signal.signal(signal.SIGTERM, before)
+
+
+def clean(value: Any) -> Any:
+    """JSON data without NaN and infinities, which JSON does not have: they become null."""
+    if isinstance(value, float):
+        return value if math.isfinite(value) else None
+    if isinstance(value, dict):
+        return {key: clean(item) for key, item in value.items()}
+    if isinstance(value, list | tuple):
+        return [clean(item) for item in value]
+    return value
+
+
+def describe(folder: Path) -> list[dict[str, Any]]:
+    """Kind, name, SHA-256 and size of each file that a finished attempt left; temporary names are passed over."""
+    found = []
+    for name, kind in {**KINDS, MODEL: "model"}.items():
+        path = folder / name
+        if path.is_file():
+            with path.open("rb") as file:
+                digest = hashlib.file_digest(file, "sha256").hexdigest()
+            found.append({"kind": kind, "name": name, "sha256": digest, "bytes": path.stat().st_size})
+    return found
+
+
+def peak_rss_mb() -> float | None:
+    """The most memory that this process ever held, MiB; None where nobody counts.
+
+    Linux' ru_maxrss begins with that of the process which started this one, so its own high-water mark is read there.
+    """
+    if sys.platform == "linux":
+        for line in Path("/proc/self/status").read_text().splitlines():
+            if line.startswith("VmHWM:"):
+                return int(line.split()[1]) / 2**10
+    if sys.platform == "win32":
+        return None
+    import resource
+
+    peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+    return peak / (2**20 if sys.platform == "darwin" else 2**10)
+
+
+def warm_up() -> None:
+    """Import all that a job needs and compile every kernel, or load it from the cache."""
+    import service.recording.observer  # noqa: F401  (imports Rerun)
+    from simcore.rollout.rollout import compile_kernels
+
+    compile_kernels()

@@ -1,0 +1,1 @@
+"""Contact of needle and tissue: the channel of constraint points, their balls of tissue, the laws and the kernels."""

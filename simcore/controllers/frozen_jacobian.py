@@ -1,0 +1,67 @@
+"""Visual servoing with a frozen Jacobian: T = P + J^+ (k e_p), J^+ computed once and kept (Chaumette and Hutchinson
+2006, constant interaction matrix). What I-FEM gains by linearising anew at every step is the distance to this."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from simcore.controllers.base import Observation
+from simcore.controllers.ifem import damped_inverse
+from simcore.controllers.plant_model import model_scenario
+from simcore.controllers.remote_centre import pose_through
+from simcore.errors import ModelFailure, Status
+from simcore.insertion.insertion import Insertion, Pose
+from simcore.insertion.jacobian_fast import linearise
+from simcore.rotations import skew
+from simcore.scenario.scenario import FrozenJacobian, Scenario
+
+Vector = NDArray[np.float64]
+
+STEP_M = 0.5e-3  # advance of the own insertion: quasi-static, its end does not depend on the pace
+
+
+class FrozenJacobianController:
+    """J (3, 3) is the tip's response to the base's position in an insertion of its own, pushed straight along the
+    path's first tangent to one depth; the base's axis passes through the entry, there as here."""
+
+    limited = True
+
+    def __init__(self, settings: FrozenJacobian, scenario: Scenario, entry_m: Vector) -> None:
+        self.entry_m = entry_m
+        self.failure: ModelFailure | None = None
+        try:
+            jacobian = straight_jacobian(settings, scenario)
+        except ModelFailure as failure:
+            self.failure = failure  # of the run and not of its preparation: the first command tells it
+            return
+        self.inverse = settings.gain * damped_inverse(jacobian, settings.damping)
+
+    def command(self, observation: Observation) -> Pose:
+        """One step down the observed error along the kept directions. Raises ModelFailure if there are none."""
+        if self.failure is not None:
+            raise self.failure
+        base = observation.base
+        move = self.inverse @ (observation.target_m - observation.tip_m)
+        return pose_through(self.entry_m, base.position_m + move, base.rotation)
+
+
+def straight_jacobian(settings: FrozenJacobian, scenario: Scenario) -> Vector:
+    """(3, 3) d tip / d base position at the end of a straight insertion, the base's axis kept through the entry.
+
+    Raises ModelFailure when the insertion does not converge.
+    """
+    scenario = model_scenario(scenario, settings.model)
+    path, insertion = scenario.path(), Insertion(scenario)
+    tangent = path.first_tangent()
+    depth_m = min(settings.depth_mm * 1e-3, float(np.linalg.norm(path.chord)))
+    state = insertion.initial_state(tangent)
+    first = state.base
+    for advance_m in np.linspace(0.0, depth_m, max(2, round(depth_m / STEP_M)))[1:]:
+        state = insertion.step(state, Pose(first.position_m + advance_m * tangent, first.rotation))
+        if state.report.status is not Status.COMPLETED:
+            raise ModelFailure(state.report.status, f"insertion for the frozen Jacobian: {state.report.message}")
+    tip = linearise(insertion, state).tip
+    reach_m = float(np.linalg.norm(insertion.entry_m - state.base.position_m))
+    following: Vector = tip[:, :3] - tip[:, 3:] @ skew(tangent) / reach_m
+    return following

@@ -1,0 +1,114 @@
+"""The tissue's factor, kept from step to step, and its compliance at the constraint points.
+
+The factor belongs to an EARLIER configuration, often the rest one: the coupled solve iterates on the true residual, so
+a stale factor costs iterations, never accuracy. For the same reason single precision is enough for it, at half the
+memory traffic. Columns A^-1 B^T are kept with it.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.linalg.lapack import spbtrf, spbtrs
+
+from simcore.compiled import kernel
+from simcore.contact.channel import Channel
+from simcore.tissue.model import TissueModel, assemble_band
+
+Vector = NDArray[np.float64]
+Single = NDArray[np.float32]
+Indices = NDArray[np.int64]
+
+TIP_COLUMN_REUSE_M = 0.5e-3  # the channel end may move so far before its columns are computed anew
+
+
+class NotPositiveDefinite(ArithmeticError):
+    """The matrix to be factored is not positive definite: nothing holds the tissue."""
+
+
+class Compliance:
+    """Banded Cholesky factor of A = (1 + beta / dt) sum R_e K_e R_e^T + M (1 / dt^2 + alpha / dt); columns of A^-1."""
+
+    def __init__(self, tissue: TissueModel, dt_s: float, capacity: int) -> None:
+        self.tissue = tissue
+        self.scale = 1.0 + tissue.stiffness_damping_s / dt_s
+        self.diagonal = tissue.masses_kg * (1.0 / dt_s**2 + tissue.mass_damping_per_s / dt_s)
+        self.columns = np.zeros((capacity, 3, tissue.unknowns), np.float32)
+        self.column_rest_m = np.full((capacity, 3), np.nan)
+        self.between_points = np.zeros((3 * capacity, 3 * capacity))
+        self._band = np.zeros((tissue.band + 1, tissue.unknowns), np.float32, order="F")
+        self.refactor(np.tile(np.eye(3).ravel(), (len(tissue.mesh.tets), 1)))
+
+    def refactor(self, rotations: Vector) -> None:
+        """Factor at the present rotations (t, 9); forgets every column. Raises NotPositiveDefinite."""
+        t = self.tissue
+        material = (t.gradients, t.volumes_m3, t.mu_pa, t.lambda_pa)
+        assemble_band(t.mesh.tets, *material, rotations, t.unknown, self.scale, self.diagonal, self._band)
+        self.factor, info = spbtrf(self._band, lower=1)
+        if info != 0:
+            raise NotPositiveDefinite(f"the stiffness is not positive definite in row {info}")
+        self.column_rest_m[:] = np.nan
+
+    def solve(self, right: Vector | Single) -> Single:
+        """A^-1 right, (unknowns,) or (unknowns, k), in single precision; a diverging step overflows to infinity."""
+        with np.errstate(over="ignore", invalid="ignore"):
+            solution: Single = spbtrs(self.factor, right.astype(np.float32), lower=1)[0]
+        return solution
+
+    def sync(self, channel: Channel) -> None:
+        """Bring columns and the compliance between points (3P, 3P) m/N up to date with the channel's elements."""
+        stale = self._stale(channel)
+        for j in stale:
+            self._compute_columns(channel, j)
+        for j in [*stale, 0]:
+            compliance_rows(
+                j,
+                channel.count,
+                channel.nodes,
+                channel.weights,
+                channel.touched,
+                self.tissue.unknown,
+                self.columns,
+                self.between_points,
+            )
+
+    def _stale(self, channel: Channel) -> list[int]:
+        """Created elements that are not where their columns were computed, the channel end last."""
+        n = channel.count
+        moved = np.abs(self.column_rest_m[:n] - channel.rest_m[:n]).max(axis=1)
+        kept = moved <= np.where(np.arange(n) == 0, TIP_COLUMN_REUSE_M, 0.0)
+        return [int(j) for j in np.flatnonzero(channel.created[:n] & ~kept)[::-1]]
+
+    def _compute_columns(self, channel: Channel, element: int) -> None:
+        right = np.zeros((self.tissue.unknowns, 3), np.float32, order="F")
+        for k in range(channel.touched[element]):
+            rank = self.tissue.unknown[channel.nodes[element, k]]
+            if rank >= 0:
+                for i in range(3):
+                    right[3 * rank + i, i] += channel.weights[element, k]
+        self.columns[element] = self.solve(right).T
+        self.column_rest_m[element] = channel.rest_m[element]
+
+
+@kernel
+def compliance_rows(
+    element: int,
+    count: int,
+    nodes: Indices,
+    weights: Vector,
+    touched: Indices,
+    unknown: Indices,
+    columns: Single,
+    between: Vector,
+) -> None:
+    """Displacement of one element's ball under unit forces on every element: its rows of `between`, and by symmetry."""
+    for j in range(count):
+        for b in range(3):
+            for a in range(3):
+                value = 0.0
+                for k in range(touched[element]):
+                    rank = unknown[nodes[element, k]]
+                    if rank >= 0:
+                        value += weights[element, k] * columns[j, b, 3 * rank + a]
+                between[3 * element + a, 3 * j + b] = value
+                between[3 * j + b, 3 * element + a] = value

@@ -1,0 +1,244 @@
+"""The needle's side of the exact linearisation: how forces and arc lengths answer to moves of tissue and base.
+
+Linear in the changes of the constraint forces dF (a, 3) N, world, of the arc lengths ds (a,) m, of the needle's base
+(6,) and of the places of the material balls dp (p, 3) m, with every mode of the converged step frozen:
+
+    needle       K dq + C^T dF + (C'^T F) ds + (t x h F turning with t) dq = 0       C = dc/dq at fixed s, ' = d/ds
+    gap          dp - C dq - c' ds = 0                                               ds = 0 while it sticks
+    friction     d(F . tau) = sign (tau0 dl + mu d|F - (F . tau) tau|)               tau = c' / |c'|
+
+after Duriez et al. 2009 and our laws (see `contact_laws`). The needle is eliminated by its block tridiagonal factor.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from simcore.compiled import kernel
+from simcore.contact.channel import tributary_lengths
+from simcore.contact.kernels import moved_shaft, needle_right_sides
+from simcore.insertion.solver import Bodies, Coupled
+from simcore.needle.model import factor_blocks, solve_blocks
+from simcore.needle.shaft import shaft_columns, shaft_frame, shaft_weights
+
+Vector = NDArray[np.float64]
+Indices = NDArray[np.int64]
+Flags = NDArray[np.bool_]
+
+TRIBUTARY_STEP_M = 1e-7  # tributary lengths are piecewise linear: a difference is their slope
+
+
+@dataclass(frozen=True)
+class ShaftPoints:
+    """Points of the shaft: what its Hermite curve and their gradients to the two nodes of their beams are."""
+
+    beams: Indices  # (p,)
+    columns: Vector  # (p, 3, 12) dc/dq
+    slopes: Vector  # (p, 3, 12) dc'/dq
+    levers: Vector  # (p, 2) m, weights of the two nodal tangents in c
+    c: Vector  # (p, 3) m
+    dc: Vector  # (p, 3) c'
+    ddc: Vector  # (p, 3) c'', 1/m
+
+
+@dataclass(frozen=True)
+class ConstraintTangent:
+    """matrix (4a, 4a) y + per_ball (4a, 3p) dp + per_base (4a, 6) = 0 for y = (dF, ds)."""
+
+    elements: Indices  # (p,) a that constrain, then those that only bound the tip's place in the channel
+    matrix: Vector
+    per_ball: Vector
+    per_base: Vector
+    moves: Vector  # (n, 6, 4a + 6) of the needle's free nodes per y and per move of the base
+
+
+@kernel
+def fill_points(
+    needle_x: Vector,
+    needle_R: Vector,
+    element_length: float,
+    arcs: Vector,
+    beams: Indices,
+    columns: Vector,
+    slopes: Vector,
+    levers: Vector,
+    c: Vector,
+    dc: Vector,
+    ddc: Vector,
+) -> None:
+    """Write the arrays of `ShaftPoints` at the arc lengths (p,) m."""
+    for i in range(len(arcs)):
+        c[i], dc[i], ddc[i], beams[i], _ = shaft_frame(needle_x, needle_R, element_length, arcs[i])
+        beam, weights = shaft_weights(len(needle_x) - 1, element_length, arcs[i])
+        shaft_columns(needle_R, beam, weights[0], columns[i])
+        shaft_columns(needle_R, beam, weights[1], slopes[i])
+        levers[i, 0], levers[i, 1] = weights[0, 1], weights[0, 3]
+
+
+def shaft_points(bodies: Bodies, element_length_m: float, arcs: Vector) -> ShaftPoints:
+    """The shaft at the arc lengths (p,) m."""
+    p = len(arcs)
+    points = ShaftPoints(
+        np.zeros(p, np.int64),
+        np.empty((p, 3, 12)),
+        np.empty((p, 3, 12)),
+        np.empty((p, 2)),
+        *(np.empty((p, 3)) for _ in range(3)),
+    )
+    into = (points.beams, points.columns, points.slopes, points.levers, points.c, points.dc, points.ddc)
+    fill_points(bodies.needle_x, bodies.needle_R, element_length_m, arcs, *into)
+    return points
+
+
+def shaft_changes(points: ShaftPoints, moves: Vector, base: Vector) -> tuple[Vector, Vector]:
+    """(p, 3, k) changes of c and of c' at fixed s, under nodal moves (n, 6, k) and moves of the base (6, k)."""
+    size = (len(points.beams), 3, moves.shape[2])
+    shaft, turn = np.empty(size), np.empty(size)
+    moved_shaft(points.beams, points.columns, base, moves, shaft)
+    moved_shaft(points.beams, points.slopes, base, moves, turn)
+    return shaft, turn
+
+
+def inserted_slopes(depth: Vector, arc: Vector, count: int, needle_length: float) -> dict[int, float]:
+    """Derivative of `inserted_rest_length` to the arc length of each element that it depends on."""
+    if arc[0] <= needle_length:
+        return {0: -1.0}
+    if arc[1] >= needle_length:
+        return {}
+    behind = 1
+    for k in range(2, count + 1):
+        ahead = k % count
+        if arc[ahead] > needle_length:
+            width = (arc[ahead] - arc[behind]) ** 2 / (depth[ahead] - depth[behind])
+            return {behind: -(arc[ahead] - needle_length) / width, ahead: -(needle_length - arc[behind]) / width}
+        behind = ahead
+    return {}
+
+
+def constraint_tangent(c: Coupled) -> ConstraintTangent:
+    """Of a converged step, from the solver's work arrays."""
+    a = len(c.elements)
+    slopes = {} if c.contact else inserted_slopes(c.channel.depth_m, c.all_arcs, c.channel.count, c.needle.length_m)
+    beside = [j for j in slopes if not c.channel.active[j]]
+    elements = np.array([*c.elements, *beside], np.int64)
+    arcs = np.full(len(elements), c.needle.length_m) if c.contact else c.all_arcs[elements]
+    points = shaft_points(c.bodies, c.needle.element_length_m, arcs)
+    moves = _needle_moves(c, points)
+    base = np.zeros((6, 4 * a + 6))
+    base[:, 4 * a :] = np.eye(6)
+    shaft, turn = shaft_changes(points, moves, base)
+    own = np.arange(a)
+    shaft[own, :, 3 * a + own] += points.dc[:a]
+    turn[own, :, 3 * a + own] += points.ddc[:a]
+    rows, per_ball = np.zeros((4 * a, 4 * a + 6)), np.zeros((4 * a, 3 * len(elements)))
+    rows[: 3 * a] = -shaft[:a].reshape(3 * a, -1)
+    per_ball[: 3 * a, : 3 * a] = np.eye(3 * a)
+    rows[3 * a + own, 3 * a + own] = 1.0  # ds = 0, unless it slides
+    slides = c.mode % 2 == 0
+    if c.contact:
+        _surface_rows(c, rows, per_ball)
+    elif slides.any():
+        _friction_rows(c, slides, turn[:a], points.dc[:a], rows)
+        length = _inserted_row(c, elements, points, slopes, shaft, turn)
+        _subtract_lengths(c, slides, *length, rows, per_ball)
+    return ConstraintTangent(elements, rows[:, : 4 * a], per_ball, rows[:, 4 * a :], moves)
+
+
+def _needle_moves(c: Coupled, points: ShaftPoints) -> Vector:
+    """(n, 6, 4a + 6): moves of the free nodes per dF, ds and per move of the base, all else held."""
+    a, n = len(c.elements), c.needle.elements
+    diag = c.diag.copy()
+    lever_tangent(c.bodies.needle_R, points.beams[:a], points.levers[:a], c.force, diag)
+    moves = np.zeros((n, 6, 4 * a + 6))
+    per_force = np.empty((n, 6, 3 * a))
+    needle_right_sides(points.beams[:a], points.columns[:a], per_force)
+    moves[:, :, : 3 * a] = -per_force
+    needle_right_sides(points.beams[:a], points.slopes[:a], per_force)
+    moves[:, :, 3 * a : 4 * a] = -np.einsum("ndib,ib->ndi", per_force.reshape(n, 6, a, 3), c.force)
+    moves[0, :, 4 * a :] = -c.lower[0]
+    factor = factor_blocks(diag[1:], c.upper[1:], c.lower[1:])
+    solve_blocks(*factor, c.upper[1:], moves)
+    return moves
+
+
+@kernel
+def lever_tangent(needle_R: Vector, beams: Indices, levers: Vector, force: Vector, diag: Vector) -> None:
+    """Add to diag (n + 1, 6, 6) the change of the moments t x (h F) with the spin of their node: t F^T - (t . F) I."""
+    for i in range(len(beams)):
+        for node in range(2):
+            block, t = diag[beams[i] + node], needle_R[beams[i] + node, :, 2].copy()
+            along = t[0] * force[i, 0] + t[1] * force[i, 1] + t[2] * force[i, 2]
+            for p in range(3):
+                block[3 + p, 3 + p] -= levers[i, node] * along
+                for q in range(3):
+                    block[3 + p, 3 + q] += levers[i, node] * t[p] * force[i, q]
+
+
+def _friction_rows(c: Coupled, slides: Flags, turn: Vector, dc: Vector, rows: Vector) -> None:
+    """tau . dF + F . dtau - sign mu d|F_lateral| = 0 where it slides; the tributary lengths are added afterwards."""
+    a = len(slides)
+    tau = c.frames[:, 2]
+    along = np.einsum("ib,ib->i", c.force, tau)
+    lateral = c.force - along[:, None] * tau
+    size = np.linalg.norm(lateral, axis=1)
+    normal = lateral / np.where(size > 0.0, size, 1.0)[:, None]
+    pull = c.sign[np.arange(a), c.mode // 2] * c.interaction.friction
+    by_turn = ((size + pull * along) / np.linalg.norm(dc, axis=1))[:, None] * normal
+    law = np.einsum("ib,ibk->ik", by_turn, turn)
+    own = np.arange(a)
+    for b in range(3):
+        law[own, 3 * own + b] += tau[:, b] - pull * normal[:, b]
+    rows[3 * a :][slides] = law[slides]
+
+
+def _inserted_row(
+    c: Coupled, elements: Indices, points: ShaftPoints, slopes: dict[int, float], shaft: Vector, turn: Vector
+) -> tuple[Vector, Vector]:
+    """Change of the inserted length: (4a + 6,) per y and move of the base, (3p,) per move of the balls."""
+    a = len(c.elements)
+    row, by_ball = np.zeros(shaft.shape[2]), np.zeros(3 * len(elements))
+    for i, element in enumerate(elements):
+        slope = slopes.get(int(element), 0.0)
+        if i < a:
+            row[3 * a + i] += slope
+            continue
+        apart = c.channel.position(c.channel_model, int(element), c.bodies.x) - points.c[i]
+        slope /= points.dc[i] @ points.dc[i] - apart @ points.ddc[i]
+        row += slope * (apart @ turn[i] - points.dc[i] @ shaft[i])
+        by_ball[3 * i : 3 * i + 3] = slope * points.dc[i]
+    return row, by_ball
+
+
+def _subtract_lengths(
+    c: Coupled, slides: Flags, inserted: Vector, by_ball: Vector, rows: Vector, per_ball: Vector
+) -> None:
+    """sign tau0 dl: the tributary lengths follow the inserted length, piecewise linearly."""
+    channel, longer, now = c.channel, np.zeros(c.channel.count), np.zeros(c.channel.count)
+    for out, length in ((longer, c.inserted_m + TRIBUTARY_STEP_M), (now, c.inserted_m)):
+        tributary_lengths(channel.depth_m, channel.active, channel.count, length, out)
+    growth = (c.adhesion_n_per_m / TRIBUTARY_STEP_M) * (longer - now)[c.elements]
+    for i in np.flatnonzero(slides):
+        pull = c.sign[i, c.mode[i] // 2] * growth[i]
+        rows[3 * len(slides) + i] -= pull * inserted
+        per_ball[3 * len(slides) + i] -= pull * by_ball
+
+
+def _surface_rows(c: Coupled, rows: Vector, per_ball: Vector) -> None:
+    """Contact before puncture: Signorini along the surface's normal; while it slides, F_lateral = mu F_n u, u against
+    the lateral gap. The gap rows become those of the surface's frame."""
+    rows[:3], per_ball[:3] = c.frames[0] @ rows[:3], c.frames[0] @ per_ball[:3]
+    force = np.zeros((3, rows.shape[1]))
+    force[:, :3] = c.frames[0]
+    if c.mode[0] != 1:
+        rows[2], per_ball[2] = force[2], 0.0
+    if not c.slide.any():
+        return
+    mu, distance = c.interaction.friction, float(np.hypot(*c.gap[0, :2]))
+    across = np.eye(2) - np.outer(c.slide, c.slide)
+    pressure = float(c.frames[0, 2] @ c.force[0])
+    by_gap = mu * pressure / distance * across if distance > 0.0 else np.zeros((2, 2))
+    rows[:2] = by_gap @ rows[:2] + force[:2] - mu * np.outer(c.slide, force[2])
+    per_ball[:2] = by_gap @ per_ball[:2]

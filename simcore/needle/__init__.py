@@ -1,0 +1,1 @@
+"""The needle: co-rotational beams and the curve of the shaft between their nodes."""

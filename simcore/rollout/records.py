@@ -1,0 +1,106 @@
+"""What a run shows to whoever watches it: the scene once, a record after each step, the rollout at the end."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, fields
+from typing import TYPE_CHECKING, Protocol, TypeVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+if TYPE_CHECKING:
+    from simcore.rollout.rollout import Rollout
+    from simcore.scenario.scenario import Scenario
+
+Vector = NDArray[np.float64]
+Indices = NDArray[np.int64]
+Shown = TypeVar("Shown", "Scene", "StepRecord")
+
+
+@dataclass(frozen=True)
+class Scene:
+    """What stays the same during a run. Lengths in metres, world frame."""
+
+    scenario: Scenario
+    steps: int
+    tissue_rest_m: Vector  # (nodes, 3)
+    tissue_tets: Indices  # (tets, 4)
+    surface_triangles: Indices  # (triangles, 3) into the nodes, outward
+    path_m: Vector  # (p, 3) polyline of the nominal path
+    entry_m: Vector  # (3,) world-fixed remote centre of motion
+    needle_radius_m: float
+
+
+@dataclass(frozen=True)
+class StepTiming:
+    """Wall time of the parts of one step, seconds; the initial record has zeros."""
+
+    plant_s: float
+    jacobian_s: float
+    command_s: float
+
+
+@dataclass(frozen=True)
+class StepRecord:
+    """The converged state after one step; step 0 is the initial state. SI units, world frame."""
+
+    step: int
+    t_s: float
+    base_position_m: Vector  # (3,)
+    base_rotation: Vector  # (4,) wxyz; identity = needle along +z
+    tip_m: Vector  # (3,)
+    target_m: Vector  # (3,) n_traj(t), clean
+    target_noisy_m: Vector  # (3,) what the controller saw
+    command_position_m: Vector  # (3,) T before the robot's limits
+    command_rotation: Vector  # (4,) wxyz
+    limited: bool  # whether the robot's limits scaled the command
+    depth_m: float  # inserted rest length
+    base_force_n: Vector  # (3,) force of the robot on the needle
+    base_torque_nm: Vector  # (3,) about the base
+    insertion_force_n: float  # base force along the base's axis, > 0 pushes
+    rcm_error_m: float  # lateral distance of the shaft from the entry
+    iterations: int
+    residual_n: float
+    violation_m: float
+    min_det_f: float
+    max_displacement_m: float
+    shaft_m: Vector  # (k, 3) polyline of the needle's axis, base to tip
+    points_m: Vector  # (m, 3) active constraint points
+    point_forces_n: Vector  # (m, 3) force of the needle on the tissue at each
+    tissue_m: Vector | None  # (nodes, 3) on recorded frames, else None
+    timing: StepTiming
+
+
+def sealed(shown: Shown) -> Shown:
+    """The same scene or record with read-only arrays: whoever watches cannot change the run."""
+    for field in fields(shown):
+        value = getattr(shown, field.name)
+        if isinstance(value, np.ndarray):
+            value.flags.writeable = False
+    return shown
+
+
+class Observer(Protocol):
+    """Watches a run. It may raise to stop it (cancellation); it cannot change it, its arrays are read-only."""
+
+    def begin(self, scene: Scene, first: StepRecord) -> None:
+        """Called once, with the initial state."""
+
+    def step(self, record: StepRecord) -> None:
+        """Called after each step."""
+
+    def end(self, rollout: Rollout) -> None:
+        """Called once, with everything, also when the run ended in a named failure."""
+
+
+class Silent:
+    """The observer that looks away."""
+
+    def begin(self, scene: Scene, first: StepRecord) -> None:
+        pass
+
+    def step(self, record: StepRecord) -> None:
+        pass
+
+    def end(self, rollout: Rollout) -> None:
+        pass

@@ -1,0 +1,275 @@
+"""run(scenario, observer) -> Rollout: the one loop that every way of using the simulator goes through."""
+
+from __future__ import annotations
+
+import hashlib
+import time
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import cache
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from threadpoolctl import threadpool_limits
+
+from simcore.controllers import Observation, make_controller
+from simcore.controllers.plant_model import make_model
+from simcore.errors import ModelFailure, Status
+from simcore.insertion.insertion import Insertion, Pose
+from simcore.insertion.jacobian_fast import Linearisation, lateral_offset
+from simcore.metrics import metrics
+from simcore.needle.shaft import shaft_polyline
+from simcore.provenance import provenance
+from simcore.robot import limited_pose
+from simcore.rollout.records import Observer, Scene, Silent, StepRecord, StepTiming, sealed
+from simcore.rollout.series import SeriesBuilder
+from simcore.rotations import quaternion_from_matrix
+from simcore.scenario.scenario import Scenario
+from simcore.trajectory import held_noise, polyline_distance_m, targets
+
+Vector = NDArray[np.float64]
+Clock = Callable[[], float]
+
+NOISE_HOLD_S = 0.01
+SHAFT_POINTS_PER_BEAM = 3
+UNDIGESTED = ("plant_s", "jacobian_s", "command_s", "recording_s", "tissue_m", "tissue_frame_step")
+
+
+@dataclass(frozen=True)
+class Rollout:
+    """One finished run: how it ended, what happened, what it is worth, how long it took."""
+
+    scenario: Scenario
+    status: Status
+    message: str
+    series: dict[str, NDArray[Any]]
+    metrics: dict[str, Any]
+    timing: dict[str, Any]
+    solver: dict[str, Any]
+
+    @property
+    def success(self) -> bool:
+        """Completed, reached the end, never lost the target (see `metrics`)."""
+        return bool(self.metrics["success"])
+
+    @property
+    def digest(self) -> str:
+        """SHA-256 over the state series and the last tissue positions, names and shapes included; timings left out."""
+        return digest(self.series)
+
+    def result(self) -> dict[str, Any]:
+        """The content of result.json."""
+        return {
+            "status": str(self.status),
+            "message": self.message,
+            "metrics": self.metrics,
+            "timing": self.timing,
+            "solver": self.solver,
+            "digest": self.digest,
+            "warnings": self.scenario.warnings(),
+            "provenance": provenance(self.scenario.resolved()),
+        }
+
+
+def digest(series: dict[str, NDArray[Any]]) -> str:
+    """SHA-256 of a series' state arrays in the order of their names."""
+    state = {name: array for name, array in series.items() if name not in UNDIGESTED}
+    state["tissue_last_m"] = series["tissue_m"][-1]
+    hashed = hashlib.sha256()
+    for name in sorted(state):
+        array = np.ascontiguousarray(state[name])
+        hashed.update(f"{name}{array.dtype.str}{array.shape}".encode())
+        hashed.update(array.tobytes())
+    return hashed.hexdigest()
+
+
+@cache
+def compile_kernels() -> None:
+    """Run eight steps of a tiny insertion (contact, puncture, cutting, steering), once in a process: compiles every
+    kernel, or loads it from the cache, so that compilation is in no measured time."""
+    small = {
+        "name": "warm-up",
+        "tissue": {"size_mm": [24, 24, 30], "element_size_mm": 10, "rayleigh_stiffness_s": 0.001, "density_kg_m3": 1},
+        "needle": {"length_mm": 60, "elements": 3},
+        "trajectory": {"kind": "line", "entry_mm": [12, 12, 0], "target_mm": [12, 12, 4], "speed_mm_s": 50},
+    }
+    for derivative in ("fast", "exact"):
+        scenario = Scenario.load({**small, "controller": {"kind": "ifem", "derivative": derivative}})
+        _Loop(scenario, Silent(), time.perf_counter).run()
+
+
+def run(scenario: Scenario, observer: Observer | None = None, *, clock: Clock = time.perf_counter) -> Rollout:
+    """Simulate one scenario; the observer sees every step and changes nothing.
+
+    A step that fails ends the run with its named status; the last good state is the last row of the series. Exceptions
+    of the observer pass through: that is how a run is cancelled.
+    """
+    with threadpool_limits(1):
+        compile_kernels()
+        return _Loop(scenario, observer or Silent(), clock).run()
+
+
+class _Loop:
+    """The loop's parts: targets, controller, robot, plant, records."""
+
+    def __init__(self, scenario: Scenario, observer: Observer, clock: Clock) -> None:
+        self.scenario, self.observer, self.clock = scenario, observer, clock
+        self.insertion = Insertion(scenario)
+        self.path = scenario.path()
+        self.steps = scenario.steps
+        speed = scenario.trajectory.speed_mm_s * 1e-3
+        self.targets_m = targets(self.path, speed_m_s=speed, dt_s=scenario.dt_s, steps=self.steps)
+        self.noise_m = held_noise(
+            np.random.default_rng(scenario.seed),
+            amplitude_m=scenario.noise_mm * 1e-3,
+            hold_s=NOISE_HOLD_S,
+            dt_s=scenario.dt_s,
+            steps=self.steps,
+        )
+        self.before = self.state = self.insertion.initial_state(self.path.first_tangent())
+        self.model = make_model(scenario, self.insertion, lambda: (self.before, self.state))
+        self.carried_cross_track_m: list[float] = []
+        self.jacobian_s = 0.0
+        self.controller = make_controller(
+            scenario,
+            entry_m=self.insertion.entry_m,
+            needle_length_m=self.insertion.needle.length_m,
+            model=self._timed_model if self.model else None,
+        )
+
+    def run(self) -> Rollout:
+        """The loop itself."""
+        series = SeriesBuilder(self.scene())
+        first = self._record(0, self.state.base, False, StepTiming(0.0, 0.0, 0.0))
+        series.add(first, 0.0)
+        self.observer.begin(series.scene, first)
+        status, message = Status.COMPLETED, ""
+        begun = self.clock()
+        for step in range(self.steps):
+            record, status, message = self._advance(step)
+            if record is None:
+                break
+            started = self.clock()
+            self.observer.step(record)
+            series.add(record, self.clock() - started)
+        rollout = self._finished(series, status, message, self.clock() - begun)
+        self.observer.end(rollout)
+        return rollout
+
+    def _advance(self, step: int) -> tuple[StepRecord | None, Status, str]:
+        """Observe, command, limit, step; no record if the step failed."""
+        target = self._target(step)
+        observation = Observation(step, self.state.base, self.state.tip_m.copy(), target + self.noise_m[step])
+        self.jacobian_s, started = 0.0, self.clock()
+        where = f"step {step + 1} of {self.steps}, depth {self.state.inserted_m * 1e3:.1f} mm"
+        try:
+            command = self.controller.command(observation)
+        except ModelFailure as failure:
+            return None, failure.status, f"{where}: the controller's model: {failure.message}"
+        command_s = self.clock() - started - self.jacobian_s
+        base, limited = command, False
+        if self.controller.limited:
+            base, limited = limited_pose(self.state.base, command, self.scenario.robot, self.scenario.dt_s)
+        started = self.clock()
+        state = self.insertion.step(self.state, base)
+        plant_s = self.clock() - started
+        report = state.report
+        if report.status is not Status.COMPLETED:
+            return None, report.status, f"{where}: {report.message}"
+        self.before, self.state = self.state, state
+        if self.scenario.trajectory.frame == "tissue":
+            path = self.insertion.carried_path(state)
+            self.carried_cross_track_m.append(polyline_distance_m(state.tip_m, path))
+        timing = StepTiming(plant_s, self.jacobian_s, command_s)
+        return self._record(step + 1, command, limited, timing), report.status, ""
+
+    def _timed_model(self, observation: Observation) -> Linearisation:
+        assert self.model is not None
+        started = self.clock()
+        response = self.model(observation)
+        self.jacobian_s = self.clock() - started
+        return response
+
+    def _target(self, step: int) -> Vector:
+        """n_traj(t_step) (3,) m, world; a path in the tissue frame is carried by the deforming tissue."""
+        rest: Vector = self.targets_m[step]
+        if self.scenario.trajectory.frame == "world":
+            return rest
+        return self.insertion.carried(self.state, rest)
+
+    def scene(self) -> Scene:
+        """What stays the same during the run."""
+        mesh = self.insertion.tissue.mesh
+        scene = Scene(
+            scenario=self.scenario,
+            steps=self.steps,
+            tissue_rest_m=mesh.nodes_m.copy(),
+            tissue_tets=mesh.tets.copy(),
+            surface_triangles=mesh.surface_triangles.copy(),
+            path_m=self.path.curve(np.linspace(0.0, 1.0, 2 if self.path.is_straight else 101)),
+            entry_m=self.insertion.entry_m.copy(),
+            needle_radius_m=self.insertion.needle.outer_radius_m,
+        )
+        return sealed(scene)
+
+    def _record(self, step: int, command: Pose, limited: bool, timing: StepTiming) -> StepRecord:
+        state, recording = self.state, self.scenario.recording
+        base = state.base
+        displacement = state.bodies.x - self.insertion.tissue.mesh.nodes_m
+        offset = lateral_offset(self.insertion, state, self.insertion.entry_m)[0]
+        target = self._target(step)
+        frame = step in (0, self.steps) or (recording.enabled and step % recording.every_steps == 0)
+        record = StepRecord(
+            step=step,
+            t_s=step * self.scenario.dt_s,
+            base_position_m=base.position_m.copy(),
+            base_rotation=quaternion_from_matrix(base.rotation),
+            tip_m=state.tip_m.copy(),
+            target_m=target.copy(),
+            target_noisy_m=target + self.noise_m[step],
+            command_position_m=command.position_m.copy(),
+            command_rotation=quaternion_from_matrix(command.rotation),
+            limited=limited,
+            depth_m=state.inserted_m,
+            base_force_n=state.base_wrench[:3].copy(),
+            base_torque_nm=state.base_wrench[3:].copy(),
+            insertion_force_n=float(state.base_wrench[:3] @ base.rotation[:, 2]),
+            rcm_error_m=float(np.hypot(*offset)),
+            iterations=state.report.iterations,
+            residual_n=state.report.residual_n,
+            violation_m=state.report.violation_m,
+            min_det_f=state.report.min_det_f,
+            max_displacement_m=float(np.sqrt((displacement**2).sum(axis=1).max())),
+            shaft_m=self._shaft(),
+            points_m=state.points_m.copy(),
+            point_forces_n=state.point_forces_n.copy(),
+            tissue_m=state.bodies.x.copy() if frame else None,
+            timing=timing,
+        )
+        return sealed(record)
+
+    def _shaft(self) -> Vector:
+        needle, b = self.insertion.needle, self.state.bodies
+        points = SHAFT_POINTS_PER_BEAM * needle.elements + 1
+        return shaft_polyline(b.needle_x, b.needle_R, needle.element_length_m, points)
+
+    def _finished(self, builder: SeriesBuilder, status: Status, message: str, wall_s: float) -> Rollout:
+        series = builder.arrays(self.state.bodies.x)
+        dt, done = self.scenario.dt_s, len(series["t_s"]) - 1
+        return Rollout(
+            scenario=self.scenario,
+            status=status,
+            message=message,
+            series=series,
+            metrics=metrics(
+                status,
+                series,
+                self.path,
+                dt_s=dt,
+                steps=self.steps,
+                cross_track_m=np.array(self.carried_cross_track_m) if self.carried_cross_track_m else None,
+            ),
+            timing=builder.timing(wall_s=wall_s, simulated_s=done * dt),
+            solver=builder.solver(),
+        )

@@ -1,0 +1,115 @@
+"""The time series of a run: gathered record by record, then arrays (SI units) and their summaries."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from simcore.rollout.records import Scene, StepRecord
+
+Vector = NDArray[np.float64]
+
+_COPIED = (
+    "t_s",
+    "base_position_m",
+    "base_rotation",
+    "tip_m",
+    "target_m",
+    "target_noisy_m",
+    "command_position_m",
+    "command_rotation",
+    "limited",
+    "depth_m",
+    "base_force_n",
+    "base_torque_nm",
+    "insertion_force_n",
+    "rcm_error_m",
+    "iterations",
+    "residual_n",
+    "violation_m",
+    "min_det_f",
+    "max_displacement_m",
+)
+_TIMED = ("plant_s", "jacobian_s", "command_s", "recording_s")
+
+
+class SeriesBuilder:
+    """Row 0 is the initial state, row i the state after step i."""
+
+    def __init__(self, scene: Scene) -> None:
+        self.scene = scene
+        self.rows: dict[str, list[Any]] = {name: [] for name in (*_COPIED, *_TIMED)}
+        self.lateral_sum_n: list[float] = []
+        self.lateral_resultant_n: list[float] = []
+        self.frames: list[Vector] = []
+        self.frame_steps: list[int] = []
+
+    def add(self, record: StepRecord, recording_s: float) -> None:
+        """Take one record; the records of a run own their arrays."""
+        for name in _COPIED:
+            self.rows[name].append(getattr(record, name))
+        for name in _TIMED[:-1]:
+            self.rows[name].append(getattr(record.timing, name))
+        self.rows["recording_s"].append(recording_s)
+        lateral = lateral_forces(record)
+        self.lateral_sum_n.append(float(np.linalg.norm(lateral, axis=1).sum()))
+        self.lateral_resultant_n.append(float(np.linalg.norm(lateral.sum(axis=0))))
+        if record.tissue_m is not None:
+            self.frames.append(record.tissue_m)
+            self.frame_steps.append(record.step)
+
+    def arrays(self, last_tissue_m: Vector) -> dict[str, NDArray[Any]]:
+        """The content of series.npz; the last good tissue state is always its last frame."""
+        last_step = len(self.rows["t_s"]) - 1
+        if self.frame_steps[-1] != last_step:
+            self.frames.append(last_tissue_m.copy())
+            self.frame_steps.append(last_step)
+        return {
+            **{name: np.array(values) for name, values in self.rows.items()},
+            "lateral_sum_n": np.array(self.lateral_sum_n),
+            "lateral_resultant_n": np.array(self.lateral_resultant_n),
+            "tissue_rest_m": self.scene.tissue_rest_m,
+            "tissue_tets": self.scene.tissue_tets,
+            "tissue_m": np.array(self.frames),
+            "tissue_frame_step": np.array(self.frame_steps),
+        }
+
+    def timing(self, *, wall_s: float, simulated_s: float) -> dict[str, Any]:
+        """Median, p95, p99 and maximum in ms of each part of a step, and the real-time factor of the loop."""
+        parts = {name.removesuffix("_s"): summary_ms(self.rows[name][1:]) for name in _TIMED}
+        factor = simulated_s / wall_s if wall_s > 0.0 else None
+        return {**parts, "loop_wall_s": wall_s, "simulated_s": simulated_s, "realtime_factor": factor}
+
+    def solver(self) -> dict[str, Any]:
+        """Iterations, residuals and violations over the steps."""
+        iterations = self.rows["iterations"][1:] or [0]
+        return {
+            "iterations_mean": float(np.mean(iterations)),
+            "iterations_max": int(np.max(iterations)),
+            "residual_max_n": float(np.max(self.rows["residual_n"])),
+            "violation_max_m": float(np.max(self.rows["violation_m"])),
+        }
+
+
+def lateral_forces(record: StepRecord) -> Vector:
+    """(a, 3) N: point forces across the straight line from base to tip."""
+    axis = record.tip_m - record.base_position_m
+    axis = axis / np.linalg.norm(axis)
+    across: Vector = record.point_forces_n - np.outer(record.point_forces_n @ axis, axis)
+    return across
+
+
+def summary_ms(seconds: list[float]) -> dict[str, float | None]:
+    """Median, p95, p99, maximum in milliseconds; None where there was no step."""
+    if not seconds:
+        return dict.fromkeys(("median_ms", "p95_ms", "p99_ms", "max_ms"))
+    values = 1e3 * np.array(seconds)
+    p95, p99 = np.percentile(values, [95, 99])
+    return {
+        "median_ms": float(np.median(values)),
+        "p95_ms": float(p95),
+        "p99_ms": float(p99),
+        "max_ms": float(values.max()),
+    }

@@ -1,0 +1,77 @@
+"""What a scenario settles and checks of its controller: digests of models, names of plug-ins, what a model has seen."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+from simcore import plugins
+from simcore.errors import Problem
+from simcore.learning import load_model, model_digest
+from simcore.scenario.controller_blocks import Controller, Learned, Plugin
+
+if TYPE_CHECKING:
+    from simcore.scenario.scenario import Scenario
+
+COMPARED = ("tissue", "needle", "interaction")
+NAMES = ("mesh_file",)  # of files, which their digests tell apart
+
+
+def with_model_digest(controller: Controller) -> Controller:
+    """A learned controller with the digest of its model, which has been read and checked. Raises ScenarioError."""
+    if not isinstance(controller, Learned):
+        return controller
+    found = model_digest(controller.kind, controller.model, controller.model_sha256)
+    return controller.model_copy(update={"model_sha256": found})
+
+
+def plugin_problems(controller: Controller) -> list[Problem]:
+    """A plug-in that is not installed."""
+    if not isinstance(controller, Plugin):
+        return []
+    known = plugins.installed()
+    if controller.name in known:
+        return []
+    there = f"installed: {', '.join(known)}" if known else "none is installed; see: needlebench example controller"
+    return [Problem("controller.name", controller.name, f"is no controller of the group {plugins.GROUP}; {there}")]
+
+
+def training_warnings(s: Scenario) -> list[str]:
+    """Where a learned controller runs outside of what its model was trained on; one line for each field."""
+    if not isinstance(s.controller, Learned):
+        return []
+    assert s.controller.model_sha256 is not None
+    trained = load_model(s.controller.kind, s.controller.model, s.controller.model_sha256).provenance.get("trained_on")
+    if not isinstance(trained, dict):
+        return [f"controller.model = {s.controller.model}: it does not say what it was trained on"]
+    differences = [*_block_differences(s, trained), *_path_differences(s, trained)]
+    return [
+        f"{field} = {value}: the model of the controller was trained {known}" for field, value, known in differences
+    ]
+
+
+def _block_differences(s: Scenario, trained: dict[str, Any]) -> list[tuple[str, Any, str]]:
+    now = s.model_dump(mode="json", include={"dt_s", "motion", *COMPARED})
+    found = []
+    for name, value in now.items():
+        before = trained.get(name)
+        if name == "motion":
+            value, before = value["kind"], (before or {}).get("kind", "none")
+        if isinstance(value, dict) and isinstance(before, dict):
+            changed = {key: v for key, v in value.items() if key not in NAMES and before.get(key, v) != v}
+            found += [(f"{name}.{key}", v, f"at {before[key]}") for key, v in changed.items()]
+        elif before is not None and value != before:
+            found.append((name, value, f"at {before}"))
+    return found
+
+
+def _path_differences(s: Scenario, trained: dict[str, Any]) -> list[tuple[str, Any, str]]:
+    path, before = s.trajectory, trained.get("trajectory", {})
+    now = {"entry_mm": list(path.entry_mm), "speed_mm_s": path.speed_mm_s, "frame": path.frame}
+    found = [(f"trajectory.{k}", v, f"at {before[k]}") for k, v in now.items() if before.get(k, v) != v]
+    box = trained.get("path_box_mm")
+    if box is None:
+        return found
+    low, high = box
+    if not all(a <= x <= b for a, x, b in zip(low, path.target_mm, high, strict=True)):
+        found.append(("trajectory.target_mm", list(path.target_mm), f"between {low} and {high}"))
+    return found

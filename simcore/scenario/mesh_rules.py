@@ -1,0 +1,97 @@
+"""What a scenario takes from its mesh file, and what must fit to it: held nodes, entry, path."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from simcore.errors import Problem, ScenarioError
+from simcore.mesh.reader import digest_of, load_mesh
+from simcore.mesh.tet_mesh import TetMesh
+from simcore.scenario.blocks import Tissue
+from simcore.tissue.model import free_node_order, half_bandwidth, held_nodes
+from simcore.trajectory import Path
+
+Vector = NDArray[np.float64]
+Indices = NDArray[np.int64]
+
+ON_SURFACE_MM = 0.05  # how far the entry may be from the surface, and the path outside it
+PATH_STEP_MM = 0.5  # between the points of the path that are looked at
+MAXIMUM_FACTOR_MB = 2000
+
+
+def fields_of_mesh(tissue: Tissue) -> dict[str, Any]:
+    """The fields of a tissue that its mesh file settles. Raises ScenarioError for a file that cannot be used."""
+    path = tissue.mesh_file
+    assert path is not None
+    sha256 = tissue.mesh_sha256 or digest_of(path)
+    mesh = load_mesh(path, unit_mm=tissue.mesh_unit_mm, names=tissue.fixed_sets, sha256=sha256)
+    faces = tissue.fixed_faces
+    if tissue.fixed_sets and "fixed_faces" not in tissue.model_fields_set:
+        faces = ()
+    problems = _fixed_problems(mesh, tissue.model_copy(update={"fixed_faces": faces}))
+    if problems:
+        raise ScenarioError(problems)
+    size = tuple(float(edge) for edge in np.round(1e3 * mesh.size_m, 6))
+    element = round(1e3 * mesh.element_size_m, 6)
+    return {"mesh_sha256": sha256, "size_mm": size, "element_size_mm": element, "fixed_faces": faces}
+
+
+def _fixed_problems(mesh: TetMesh, tissue: Tissue) -> list[Problem]:
+    absent = [face for face in tissue.fixed_faces if face not in mesh.faces]
+    if absent:
+        flat = ", ".join(face for face in mesh.faces if face != "z_min") or "none"
+        allowed = f"is no flat side of the mesh's bounding box (flat: {flat}); name held nodes with tissue.fixed_sets"
+        return [Problem("tissue.fixed_faces", face, allowed) for face in absent]
+    if not tissue.fixed_faces and not tissue.fixed_sets:
+        return [Problem("tissue.fixed_sets", [], "must name at least one set, where tissue.fixed_faces names no face")]
+    held = held_nodes(mesh, tissue)
+    name, value = ("fixed_sets", tissue.fixed_sets) if tissue.fixed_sets else ("fixed_faces", tissue.fixed_faces)
+    if np.linalg.matrix_rank(mesh.nodes_m[held] - mesh.nodes_m[held[0]], tol=1e-6) < 2:
+        return [Problem(f"tissue.{name}", list(value), f"holds {len(held)} nodes; at least 3 not on a line are needed")]
+    if len(held) == len(mesh.nodes_m):
+        return [Problem(f"tissue.{name}", list(value), f"holds all {len(held)} nodes; at least one must be free")]
+    return _factor_problems(mesh, tissue, held)
+
+
+def _factor_problems(mesh: TetMesh, tissue: Tissue, held: Indices) -> list[Problem]:
+    unknown = free_node_order(mesh, held)
+    megabytes = 4e-6 * 3 * np.count_nonzero(unknown >= 0) * (half_bandwidth(mesh.tets, unknown) + 1)
+    if megabytes <= MAXIMUM_FACTOR_MB:
+        return []
+    allowed = f"needs a factor of {megabytes:.0f} MB, at most {MAXIMUM_FACTOR_MB} are allowed: use a coarser mesh"
+    return [Problem("tissue.mesh_file", tissue.mesh_file, allowed)]
+
+
+def path_problems(tissue: Tissue, path: Path) -> list[Problem]:
+    """The entry lies on the free surface, the path leads inwards and stays inside; lengths of the messages in mm."""
+    assert tissue.mesh_file is not None
+    mesh = load_mesh(tissue.mesh_file, unit_mm=tissue.mesh_unit_mm, names=tissue.fixed_sets, sha256=tissue.mesh_sha256)
+    entry, end = (1e3 * path.entry_m).tolist(), (1e3 * path.end_m).tolist()
+    triangle, nearest = mesh.nearest_on_surface(path.entry_m)
+    apart = 1e3 * float(np.linalg.norm(nearest - path.entry_m))
+    if apart > ON_SURFACE_MM:
+        allowed = (
+            f"must lie on the mesh's surface within {ON_SURFACE_MM:g} mm; {_mm(nearest)} does, {apart:.3g} mm away"
+        )
+        return [Problem("trajectory.entry_mm", entry, allowed)]
+    if np.isin(mesh.surface_triangles[triangle], held_nodes(mesh, tissue)).all():
+        return [Problem("trajectory.entry_mm", entry, "must not lie on a held part of the surface")]
+    inward = mesh.inward_normal(path.entry_m)
+    if path.first_tangent() @ inward <= 0.0:
+        allowed = (
+            f"must be reached into the tissue; at the entry the path leads out of it (inward: {_mm(1e-3 * inward)})"
+        )
+        return [Problem("trajectory.target_mm", end, allowed)]
+    points = path.point(np.linspace(0.0, path.length_m, int(np.ceil(1e3 * path.length_m / PATH_STEP_MM)) + 1))
+    outside = np.flatnonzero(1e3 * mesh.outside_by(points) > ON_SURFACE_MM)
+    if not len(outside):
+        return []
+    allowed = f"must be reached inside the mesh; the path leaves it at {_mm(points[outside[0]])}"
+    return [Problem("trajectory.target_mm", end, allowed)]
+
+
+def _mm(point_m: Vector) -> str:
+    return "[" + ", ".join(f"{1e3 * value:.4f}" for value in point_m) + "]"

@@ -1,0 +1,236 @@
+"""The rules between the fields of a scenario, and the fields that others settle."""
+
+from __future__ import annotations
+
+import copy
+import math
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from simcore.errors import Problem
+from simcore.scenario.blocks import (
+    MAXIMUM_CELLS,
+    MAXIMUM_STEPS,
+    MINIMUM_DEPTH_MM,
+    MINIMUM_SPACING_MM,
+    STAND_OFF_MM,
+    Breathing,
+    Interaction,
+    SineTrajectory,
+    Tissue,
+)
+from simcore.scenario.controller_blocks import Controller, FrozenJacobian, InverseFem, Replay, SeparateModel
+from simcore.scenario.controller_rules import plugin_problems
+from simcore.scenario.mesh_rules import fields_of_mesh, path_problems
+
+if TYPE_CHECKING:
+    from simcore.scenario.scenario import Scenario
+
+
+def problems_between(s: Scenario) -> list[Problem]:
+    """All that is wrong between the fields of a scenario whose fields are each in range."""
+    return [
+        *_needle_problems(s),
+        *_tissue_problems(s),
+        *_path_problems(s),
+        *_motion_problems(s),
+        *_pose_problems(s),
+        *_model_problems(s),
+        *plugin_problems(s.controller),
+    ]
+
+
+def with_mesh(tissue: Tissue) -> Tissue:
+    """The tissue with digest, size and element size of its mesh file."""
+    if tissue.mesh_file is None:
+        return tissue
+    return tissue.model_copy(update=fields_of_mesh(tissue))
+
+
+def with_spacing(interaction: Interaction, tissue: Tissue) -> Interaction:
+    """The interaction with its derived spacing: max(5 mm, element size)."""
+    if interaction.spacing_mm is not None:
+        return interaction
+    return interaction.model_copy(update={"spacing_mm": max(MINIMUM_SPACING_MM, tissue.element_size_mm)})
+
+
+def without_derived(resolved: dict[str, Any]) -> dict[str, Any]:
+    """Resolved scenario JSON as a start for changes: a spacing that is what it would be derived as is null again.
+
+    It loads to the same scenario, and with another element size to one whose rows of constraint points follow it.
+    """
+    data = copy.deepcopy(resolved)
+    interaction, model = data["interaction"], data["controller"].get("model")
+    if isinstance(model, dict) and "spacing_mm" in model:
+        if model["spacing_mm"] == max(interaction["spacing_mm"], model["element_size_mm"]):
+            model["spacing_mm"] = None
+    if interaction["spacing_mm"] == max(MINIMUM_SPACING_MM, data["tissue"]["element_size_mm"]):
+        interaction["spacing_mm"] = None
+    return data
+
+
+def separate_model(controller: Controller) -> SeparateModel | None:
+    """The tissue that the controller has for itself, if it has one."""
+    if isinstance(controller, InverseFem | FrozenJacobian) and isinstance(controller.model, SeparateModel):
+        return controller.model
+    return None
+
+
+def with_model_spacing(controller: Controller, s: Scenario) -> Controller:
+    """The controller with the derived mesh and spacing of its separate model, if it has one."""
+    model = separate_model(controller)
+    return controller.model_copy(update={"model": _with_spacing(model, s)}) if model else controller
+
+
+def _needle_problems(s: Scenario) -> list[Problem]:
+    needle, spacing = s.needle, s.interaction.spacing_mm
+    problems = []
+    if needle.inner_diameter_mm >= needle.outer_diameter_mm:
+        allowed = f"must be below needle.outer_diameter_mm = {needle.outer_diameter_mm:g}"
+        problems.append(Problem("needle.inner_diameter_mm", needle.inner_diameter_mm, allowed))
+    if spacing is not None and spacing < s.tissue.element_size_mm:
+        allowed = f"must be at least tissue.element_size_mm = {s.tissue.element_size_mm:g}, closer rows lock; or null"
+        problems.append(Problem("interaction.spacing_mm", spacing, allowed))
+    if 0.0 < s.interaction.spread_mm < 0.1:
+        problems.append(Problem("interaction.spread_mm", s.interaction.spread_mm, "must be 0 or 0.1 to 20"))
+    return problems
+
+
+def _tissue_problems(s: Scenario) -> list[Problem]:
+    problems = []
+    if len(set(s.tissue.fixed_faces)) < len(s.tissue.fixed_faces):
+        problems.append(Problem("tissue.fixed_faces", list(s.tissue.fixed_faces), "must name each face once"))
+    if s.tissue.mesh_file is not None:
+        return problems
+    if math.prod(s.tissue.cells) > MAXIMUM_CELLS:
+        allowed = f"gives {math.prod(s.tissue.cells)} cells, at most {MAXIMUM_CELLS} are allowed"
+        problems.append(Problem("tissue.element_size_mm", s.tissue.element_size_mm, allowed))
+    if not s.tissue.fixed_faces:
+        problems.append(Problem("tissue.fixed_faces", [], "must name at least one face"))
+    for axis, cells in zip("xyz", s.tissue.cells, strict=True):
+        if cells == 1 and {f"{axis}_min", f"{axis}_max"} <= set(s.tissue.fixed_faces):
+            allowed = f"gives one cell along {axis} between two fixed faces: nothing could move"
+            problems.append(Problem("tissue.element_size_mm", s.tissue.element_size_mm, allowed))
+    for name, unset in (("fixed_sets", ()), ("mesh_unit_mm", 1.0), ("mesh_sha256", None)):
+        value = getattr(s.tissue, name)
+        if value != unset:
+            allowed = "must be left out: it belongs to tissue.mesh_file, which is not given"
+            problems.append(Problem(f"tissue.{name}", value, allowed))
+    return problems
+
+
+def _path_problems(s: Scenario) -> list[Problem]:
+    path, size = s.trajectory, s.tissue.size_mm
+    if s.tissue.mesh_file is not None:
+        return _mesh_path_problems(s) or [*_length_problems(s), *_step_problems(s)]
+    x, y, z = path.entry_mm
+    if z != 0.0 or not (0.0 < x < size[0] and 0.0 < y < size[1]):
+        allowed = f"must lie on the face z = 0, inside 0 < x < {size[0]:g}, 0 < y < {size[1]:g}"
+        return [Problem("trajectory.entry_mm", list(path.entry_mm), allowed)]
+    tx, ty, tz = path.target_mm
+    if not (0.0 < tx < size[0] and 0.0 < ty < size[1] and MINIMUM_DEPTH_MM <= tz <= size[2]):
+        inside = f"0 < x < {size[0]:g}, 0 < y < {size[1]:g}, {MINIMUM_DEPTH_MM:g} <= z <= {size[2]:g}"
+        return [Problem("trajectory.target_mm", list(path.target_mm), f"must lie below the entry, inside {inside}")]
+    return _overlay_problems(s) or [*_length_problems(s), *_step_problems(s)]
+
+
+def _mesh_path_problems(s: Scenario) -> list[Problem]:
+    path = s.trajectory
+    length = math.dist(path.entry_mm, path.target_mm)
+    if length < MINIMUM_DEPTH_MM:
+        allowed = f"is {length:.3g} mm from trajectory.entry_mm; it must be at least {MINIMUM_DEPTH_MM:g}"
+        return [Problem("trajectory.target_mm", list(path.target_mm), allowed)]
+    return _direction_problems(s) or path_problems(s.tissue, s.path())
+
+
+def _direction_problems(s: Scenario) -> list[Problem]:
+    path = s.trajectory
+    if not isinstance(path, SineTrajectory):
+        return []
+    chord = np.subtract(path.target_mm, path.entry_mm)
+    across = np.linalg.norm(np.cross(path.direction, chord))
+    if across <= 1e-9 * np.linalg.norm(path.direction) * np.linalg.norm(chord):
+        return [
+            Problem(
+                "trajectory.direction",
+                list(path.direction),
+                "must be a vector across the path, neither zero nor along it",
+            )
+        ]
+    return []
+
+
+def _overlay_problems(s: Scenario) -> list[Problem]:
+    path = s.trajectory
+    if not isinstance(path, SineTrajectory):
+        return []
+    if problems := _direction_problems(s):
+        return problems
+    points = path.path().curve(np.linspace(0.0, 1.0, 1001))
+    low, high = points.min(axis=0), points.max(axis=0)
+    if (low < -1e-12).any() or (high > np.array(s.tissue.size_mm) * 1e-3 + 1e-12).any():
+        return [Problem("trajectory.amplitude_mm", path.amplitude_mm, "must keep the whole path inside the block")]
+    return []
+
+
+def _length_problems(s: Scenario) -> list[Problem]:
+    length = 1e3 * s.path().length_m
+    if s.needle.length_mm >= length + STAND_OFF_MM - 1e-9:
+        return []
+    allowed = f"must be at least {length + STAND_OFF_MM:.6g} (path {length:.6g} plus stand-off {STAND_OFF_MM:g})"
+    return [Problem("needle.length_mm", s.needle.length_mm, allowed)]
+
+
+def _step_problems(s: Scenario) -> list[Problem]:
+    if s.steps <= MAXIMUM_STEPS:
+        return []
+    return [Problem("dt_s", s.dt_s, f"gives {s.steps} steps, at most {MAXIMUM_STEPS} are allowed")]
+
+
+def _motion_problems(s: Scenario) -> list[Problem]:
+    motion = s.motion
+    if isinstance(motion, Breathing) and math.hypot(*motion.direction) < 1e-6:
+        return [Problem("motion.direction", list(motion.direction), "must be a vector at least 1e-6 long")]
+    return []
+
+
+def _pose_problems(s: Scenario) -> list[Problem]:
+    if not isinstance(s.controller, Replay):
+        return []
+    for i, pose in enumerate(s.controller.poses):
+        norm = math.hypot(*pose[3:])
+        if abs(norm - 1.0) > 1e-3:
+            return [
+                Problem(
+                    f"controller.poses[{i}]",
+                    list(pose),
+                    f"must hold a unit quaternion qw, qx, qy, qz; its norm is {norm:.6g}",
+                )
+            ]
+        if max(abs(c) for c in pose[:3]) > 10_000.0:
+            return [Problem(f"controller.poses[{i}]", list(pose), "must lie within +-10000 mm")]
+    return []
+
+
+def _with_spacing(model: SeparateModel, s: Scenario) -> SeparateModel:
+    if s.tissue.mesh_file is not None:
+        model = model.model_copy(update={"element_size_mm": s.tissue.element_size_mm})
+    if model.spacing_mm is not None:
+        return model
+    assert s.interaction.spacing_mm is not None
+    return model.model_copy(update={"spacing_mm": max(s.interaction.spacing_mm, model.element_size_mm)})
+
+
+def _model_problems(s: Scenario) -> list[Problem]:
+    model, problems = separate_model(s.controller), list[Problem]()
+    if model is None:
+        return problems
+    if model.spacing_mm is not None and model.spacing_mm < model.element_size_mm:
+        allowed = f"must be at least controller.model.element_size_mm = {model.element_size_mm:g}: closer rows lock"
+        problems.append(Problem("controller.model.spacing_mm", model.spacing_mm, allowed))
+    cells = math.prod(s.tissue.model_copy(update={"element_size_mm": model.element_size_mm}).cells)
+    if cells > MAXIMUM_CELLS and s.tissue.mesh_file is None:
+        allowed = f"gives {cells} cells, at most {MAXIMUM_CELLS} are allowed"
+        problems.append(Problem("controller.model.element_size_mm", model.element_size_mm, allowed))
+    return problems

@@ -1,0 +1,178 @@
+"""The frozen, validated description of one insertion: JSON in, JSON out. Its blocks are in `blocks`."""
+
+from __future__ import annotations
+
+import json
+from typing import Annotated, Any, Literal, Self
+
+from pydantic import ConfigDict, Field, ValidationError, model_validator
+
+from simcore.errors import Problem, ScenarioError
+from simcore.scenario.blocks import (
+    MAXIMUM_CELLS,
+    MAXIMUM_STEPS,
+    MINIMUM_DEPTH_MM,
+    MINIMUM_SPACING_MM,
+    SCHEMA,
+    STAND_OFF_MM,
+    Block,
+    Breathing,
+    Interaction,
+    Motion,
+    Name,
+    Needle,
+    Number,
+    Recording,
+    Robot,
+    SineTrajectory,
+    Solver,
+    Still,
+    StraightTrajectory,
+    Tissue,
+    Trajectory,
+    bounded,
+)
+from simcore.scenario.controller_blocks import (
+    Controller,
+    ExtremeLearning,
+    FrozenJacobian,
+    InverseFem,
+    Learned,
+    LinearRegression,
+    Neighbours,
+    OpenLoop,
+    Plugin,
+    Replay,
+    RigidNeedle,
+    SeparateModel,
+    SharedModel,
+    SmallNetwork,
+)
+from simcore.scenario.controller_rules import training_warnings, with_model_digest
+from simcore.scenario.rules import problems_between, separate_model, with_mesh, with_model_spacing, with_spacing
+from simcore.scenario.validation import problems_of
+from simcore.trajectory import Path, step_count
+
+__all__ = [
+    "MAXIMUM_CELLS",
+    "MAXIMUM_STEPS",
+    "MINIMUM_DEPTH_MM",
+    "MINIMUM_SPACING_MM",
+    "SCHEMA",
+    "STAND_OFF_MM",
+    "Breathing",
+    "ExtremeLearning",
+    "FrozenJacobian",
+    "Interaction",
+    "InverseFem",
+    "Learned",
+    "LinearRegression",
+    "Needle",
+    "Neighbours",
+    "OpenLoop",
+    "Plugin",
+    "Recording",
+    "Replay",
+    "RigidNeedle",
+    "Robot",
+    "Scenario",
+    "SeparateModel",
+    "SharedModel",
+    "SineTrajectory",
+    "SmallNetwork",
+    "Solver",
+    "Still",
+    "StraightTrajectory",
+    "Tissue",
+]
+
+
+class Scenario(Block):
+    """One insertion. `Scenario.load` turns any JSON value into one, or says what is wrong with it."""
+
+    model_config = ConfigDict(extra="forbid", frozen=True, hide_input_in_errors=True, serialize_by_alias=True)
+
+    schema_id: Literal["needlebench/scenario/1"] = Field(
+        default=SCHEMA, alias="schema", description="version of this format"
+    )
+    name: Name = Field(default="unnamed", description="1 to 100 letters, digits, spaces and . , : + ( ) / - _")
+    seed: Annotated[int, Field(strict=True)] = Field(default=0, ge=0, le=2**53 - 1, description="0 to 2^53 - 1")
+    dt_s: Number = bounded(0.01, 1e-4, 0.1, "time step [ours]")
+    noise_mm: Number = bounded(
+        0.0, 0.0, 5.0, "uniform noise of the target per axis, redrawn every 10 ms [paper: 0.25 in training]"
+    )
+    tissue: Tissue = Field(default=Tissue(), description="the soft block")
+    needle: Needle = Field(default=Needle(), description="the flexible tube that the robot holds")
+    interaction: Interaction = Field(default=Interaction(), description="forces between needle and tissue")
+    trajectory: Trajectory = Field(default=StraightTrajectory(), description="what the tip is asked to follow")
+    motion: Motion = Field(default=Still(), description="how the held nodes of the tissue move")
+    robot: Robot = Field(default=Robot(), description="speed limits of the needle's base")
+    controller: Controller = Field(default=InverseFem(), description="what steers the base")
+    solver: Solver = Field(default=Solver(), description="when a step counts as converged")
+    recording: Recording = Field(default=Recording(), description="what is kept for looking at")
+
+    @model_validator(mode="before")
+    @classmethod
+    def _default_kinds(cls, data: Any) -> Any:
+        """A block without a kind is of the default kind."""
+        if not isinstance(data, dict):
+            return data
+        kinds = {"trajectory": "line", "controller": "ifem", "motion": "none"}
+        absent = {k: v for k, v in kinds.items() if isinstance(data.get(k), dict) and "kind" not in data[k]}
+        return {**data, **{block: {"kind": kind, **data[block]} for block, kind in absent.items()}}
+
+    @model_validator(mode="after")
+    def _consistent(self) -> Self:
+        """Settle the derived fields, then check the rules between fields."""
+        settle = object.__setattr__
+        settle(self, "tissue", with_mesh(self.tissue))
+        settle(self, "interaction", with_spacing(self.interaction, self.tissue))
+        settle(self, "controller", with_model_digest(with_model_spacing(self.controller, self)))
+        if problems := problems_between(self):
+            raise ScenarioError(problems)
+        return self
+
+    @classmethod
+    def load(cls, data: Any) -> Scenario:
+        """Validate a JSON value (dict) or a JSON text. Raises ScenarioError, which names every wrong field.
+
+        Files that it names are looked up as `simcore.file_names` says at that moment.
+        """
+        try:
+            if isinstance(data, bytes):
+                data = data.decode(json.detect_encoding(data))  # a redirected PowerShell writes UTF-16
+            text = data if isinstance(data, str) else json.dumps(data)
+        except (TypeError, ValueError, RecursionError) as error:
+            raise ScenarioError([Problem("scenario", type(data).__name__, f"is not JSON: {error}")]) from None
+        try:
+            return cls.model_validate_json(text)
+        except ValidationError as error:
+            raise ScenarioError(problems_of(error, cls, text)) from None
+
+    def resolved(self) -> dict[str, Any]:
+        """Every field with its value, as JSON data."""
+        data: dict[str, Any] = self.model_dump(mode="json", by_alias=True)
+        return data
+
+    def path(self) -> Path:
+        """The path in rest space, metres."""
+        return self.trajectory.path()
+
+    @property
+    def steps(self) -> int:
+        """Number of steps: the replay's poses, or ceil(path length / (speed dt))."""
+        if isinstance(self.controller, Replay):
+            return len(self.controller.poses)
+        return step_count(self.path().length_m, self.trajectory.speed_mm_s * 1e-3, self.dt_s)
+
+    def warnings(self) -> list[str]:
+        """What is allowed but unusual."""
+        frictions = {"interaction.friction": self.interaction.friction}
+        if model := separate_model(self.controller):
+            frictions["controller.model.friction"] = model.friction
+        far = [
+            f"{field} = {value}: above 0.3 the friction law is far from associated"
+            for field, value in frictions.items()
+            if value > 0.3
+        ]
+        return [*far, *training_warnings(self)]

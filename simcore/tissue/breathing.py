@@ -1,0 +1,43 @@
+"""Prescribed motion of the held nodes: breathing.
+
+One harmonic that starts at rest in the reference position (the respiratory curve of Lujan et al. 1999 with n = 1):
+
+    u(t) = A (1 - cos(2 pi t / T)) d = 2 A sin^2(pi t / T) d,        u(0) = u'(0) = 0,      u(T / 2) = 2 A d
+
+A is half of the peak-to-peak excursion, T the period, d a unit vector. The held nodes go from their place in the
+reference shape to 2 A along d and back; the acceleration alone jumps, at t = 0, from nothing to A (2 pi / T)^2.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from simcore.scenario.scenario import Breathing, Still
+
+Vector = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class BreathingMotion:
+    """Constants of the motion: amplitude_m = half of peak to peak, period_s, direction (3,) unit, world."""
+
+    amplitude_m: float
+    period_s: float
+    direction: Vector
+
+    @classmethod
+    def from_scenario(cls, motion: Still | Breathing) -> BreathingMotion | None:
+        """The motion of a scenario; None if the held nodes stay where they are."""
+        if isinstance(motion, Still):
+            return None
+        direction = np.array(motion.direction)
+        return cls(motion.amplitude_mm * 1e-3, motion.period_s, direction / np.linalg.norm(direction))
+
+    def shift_m(self, t_s: float) -> Vector:
+        """(3,) m, world: displacement of every held node from the reference shape at time t."""
+        share = np.sin(np.pi * ((t_s / self.period_s) % 1.0)) ** 2
+        shift: Vector = 2.0 * self.amplitude_m * share * self.direction
+        return shift

@@ -1,0 +1,203 @@
+"""The named suites: their content, their names, and that a version never changes.
+
+After an intended change (of a packaged model, of a default, of a suite under a new version) write the digests anew:
+    python -m tests.benchmarks.paper.test_suites
+"""
+
+from __future__ import annotations
+
+import json
+import re
+from collections import Counter
+from collections.abc import Sequence
+from pathlib import Path
+
+import pytest
+
+from benchmarks.cases import Case, Label, Outcome
+from benchmarks.paper import suites
+from benchmarks.paper.learning import LearningCurves
+from benchmarks.paper.pipeline import Findings, of_the_paper
+from benchmarks.paper.plan import Cost, Plan
+from benchmarks.paper.sampling import end_points_mm, young_kpa
+from benchmarks.paper.scale import SCALE_TEXT, SCALES, Scale, scale_of
+from benchmarks.paper.variations import VARIATIONS, varied
+from simcore.errors import ScenarioError
+from simcore.learning.trained import PACKAGED
+from simcore.scenario.scenario import Scenario
+
+PINNED = Path(__file__).with_name("suites.json")
+MODELS = {"elm": "models/elm-00.json"}
+
+
+def digests() -> dict[str, str]:
+    """Digest of every suite that needs no model but those that come along."""
+    return {name: suites.suite(name).sha256 for name in suites.suite_names() if needs(name) <= packaged()}
+
+
+def needs(name: str) -> set[str]:
+    drafts = suites.drafts(name)
+    return {case.scenario["controller"]["kind"] for case in drafts} & set(suites.LEARNED)
+
+
+def packaged() -> set[str]:
+    return {kind for kind in suites.LEARNED if (PACKAGED / f"{kind}.json").exists()}
+
+
+def test_no_suite_has_changed() -> None:
+    pinned = json.loads(PINNED.read_text())
+    assert {name: digest for name, digest in digests().items() if pinned.get(name) != digest} == {}
+    assert set(pinned) <= set(suites.suite_names())
+
+
+@pytest.mark.parametrize("name", suites.suite_names())
+def test_ids_are_unique_and_good_as_file_names(name: str) -> None:
+    ids = [case.id for case in suites.drafts(name)]
+    assert len(ids) == len(set(map(str.lower, ids))) > 0
+    assert not [case_id for case_id in ids if not re.fullmatch(r"[A-Za-z0-9._+-]{1,80}", case_id)]
+
+
+def counted(scale: Scale, **labels: str) -> int:
+    return sum(
+        all(case.labels[key] == value for key, value in labels.items()) for case in suites.paper_cases(scale, MODELS)
+    )
+
+
+def test_full_is_the_paper() -> None:
+    full = SCALES["full"]
+    plain = {"young": "constant", "noise": "off"}
+    assert len(suites.training_cases(full)) == 105
+    for arm in ("ifem", "elm"):
+        assert counted(full, group="LIN", arm=arm, **plain) == 100
+        assert counted(full, group="CUR", arm=arm, **plain) == 400
+    assert counted(full, arm="elm", young="variable") == 500
+    assert counted(SCALES["extended"], arm="ifem", young="variable") == 500
+    assert full.seeds >= 20
+
+
+@pytest.mark.parametrize("scale", SCALES.values(), ids=SCALES)
+def test_every_table_has_its_reference_rows(scale: Scale) -> None:
+    tables = Counter(
+        (c.labels["group"], c.labels["young"], c.labels["noise"]) for c in suites.paper_cases(scale, MODELS)
+    )
+    for group, young, noise in tables:
+        for arm in suites.REFERENCES:
+            assert counted(scale, group=str(group), young=str(young), noise=str(noise), arm=arm) > 0
+
+
+def test_arms_are_paired() -> None:
+    """The same path, noise and stiffness for every arm: only the controller differs."""
+    seen: dict[tuple[object, ...], str] = {}
+    for case in suites.paper_cases(SCALES["quick"], MODELS):
+        key = tuple(case.labels[name] for name in ("group", "young", "noise", "end_point", "direction"))
+        rest = {k: v for k, v in case.scenario.items() if k not in ("controller", "name")}
+        assert seen.setdefault(key, json.dumps(rest, sort_keys=True)) == json.dumps(rest, sort_keys=True)
+
+
+def test_a_curved_case_is_what_its_id_says() -> None:
+    (case,) = [c for c in suites.young_cases(SCALES["full"], MODELS) if c.id == "young-cur-017-y-elm"]
+    assert case.scenario["trajectory"]["direction"] == [0.0, -1.0, 0.0]
+    assert case.scenario["trajectory"]["target_mm"] == end_points_mm()[17].tolist()
+    assert case.scenario["trajectory"]["amplitude_mm"] == 1.0
+    assert case.scenario["tissue"]["young_kpa"] == young_kpa(17, "-y")
+    assert case.scenario["controller"] == {"kind": "elm", "model": "models/elm-00.json"}
+    assert case.scenario["recording"] == {"enabled": False}
+    assert case.labels == {
+        "purpose": "main",
+        "group": "CUR",
+        "arm": "elm",
+        "young": "variable",
+        "noise": "off",
+        "end_point": 17,
+        "direction": "-y",
+    }
+
+
+def test_fewer_directions_are_taken_in_turn() -> None:
+    assert [path.direction for path in suites.curved(5, 1)] == ["+x", "-x", "+y", "-y", "+x"]
+    assert len(set(suites.curved(3))) == 12
+
+
+@pytest.mark.parametrize("scale", SCALES.values(), ids=list(SCALES))
+def test_seeds_run_where_every_controller_ran(scale: Scale) -> None:
+    """So that a seed's error stands beside those of I-FEM and the references on the very same paths."""
+
+    def paths(cases: Sequence[Case]) -> set[tuple[Label, Label]]:
+        return {(case.labels["end_point"], case.labels["direction"]) for case in cases}
+
+    seeds = paths(suites.seed_cases(scale, ["default"]))
+    main = [*suites.lin_cases(scale, {}), *suites.cur_cases(scale, {})]
+    assert len(seeds) == scale.seed_paths
+    for arm in ("ifem", "elm", "open_loop", "rigid"):
+        assert seeds <= paths([case for case in main if case.labels["arm"] == arm])
+
+
+def test_times_are_taken_of_every_way_in_turn_with_what_does_not_steer() -> None:
+    ways = [case.labels["jacobian"] for case in suites.timing_cases(SCALES["full"], {})]
+    assert len(ways) == 50
+    assert ways[:5] == ways[5:10] == ["constraint", "perturbation", "elm", "open_loop", "rigid"]
+
+
+def test_sensitivity_moves_one_thing_at_a_time() -> None:
+    nominal = suites.scenario(
+        "n", SCALES["quick"], seed=0, trajectory=suites.Path(0, "+x").trajectory(), controller={"kind": "ifem"}
+    )
+    default = Scenario.load(nominal).resolved()
+    for variation in VARIATIONS:
+        moved = Scenario.load(varied(nominal, variation)).resolved()
+        differing = {key for key in default if moved[key] != default[key]}
+        assert len(differing) == (0 if variation.parameter == "nominal" else 1), variation.name
+
+
+@pytest.mark.parametrize("name", ["paper", "paper-v1-tiny", "lin100-v2", "", "paper-v1-full"])
+def test_an_unknown_suite_is_refused_with_the_known_ones(name: str) -> None:
+    with pytest.raises(ScenarioError, match=r"suite = .* is none of data105-v1.*paper-v1-smoke") as caught:
+        suites.suite(name)
+    assert caught.value.problems[0].value == name
+
+
+def test_a_case_that_cannot_be_names_itself() -> None:
+    draft = suites.lin_cases(SCALES["smoke"], {"elm": "nowhere.json"})[1]
+    with pytest.raises(ScenarioError, match=r"lin-000-elm: controller.model = 'nowhere.json'"):
+        suites.resolved([draft])
+
+
+# ---- scales and plans
+
+
+def test_a_plan_is_the_same_every_time_and_another_for_another_scale() -> None:
+    smoke = SCALES["smoke"]
+    assert Plan(smoke).sha256 == Plan(smoke).sha256
+    assert Plan(smoke).sha256 != Plan(smoke.model_copy(update={"lin": smoke.lin + 1})).sha256
+    assert len({Plan(scale).sha256 for name, scale in SCALES.items() if name != "extended"}) == 3
+
+
+def test_a_plan_tells_time_and_space() -> None:
+    plan, cost = Plan(SCALES["smoke"]), Cost(ifem_s=0.002, plain_s=0.001)
+    one, two = plan.seconds(cost, 1), plan.seconds(cost, 2)
+    assert one["experiments"] == pytest.approx(2 * two["experiments"])
+    assert one["timing"] == two["timing"]  # one worker whatever the number
+    assert plan.insertions == sum(len(stage.cases) for stage in plan.stages)
+    ids = [case.id for stage in plan.stages for case in stage.cases]
+    assert len(ids) == len(set(ids))
+    assert 1e6 < plan.bytes < 1e9
+
+
+def test_the_papers_own_insertions_are_counted_apart() -> None:
+    cases = [case for stage in Plan(SCALES["full"]).stages if not stage.alone for case in stage.cases]
+    none = LearningCurves((), 0.0, 25, 20)
+    found = of_the_paper(Findings(tuple(Outcome(case, {}) for case in cases), (), none, {}))
+    arms = Counter(outcome.case.labels["arm"] for outcome in found)
+    assert arms == {"ifem": 105 + 500, "elm": 500 + 500}
+
+
+def test_scales_are_described_and_bounded() -> None:
+    assert set(SCALE_TEXT) == set(SCALES)
+    assert scale_of({"name": "mine"}, field="--scale") == Scale(name="mine")
+    with pytest.raises(ScenarioError) as caught:
+        scale_of({"name": "mine", "lin": 101, "pace": 1}, field="--scale")
+    assert {problem.field for problem in caught.value.problems} == {"lin", "pace"}
+
+
+if __name__ == "__main__":
+    PINNED.write_text(json.dumps(digests(), indent=1) + "\n")

@@ -1,0 +1,162 @@
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+import pytest
+from pydantic import BaseModel
+
+from service.admission import campaign_planner as campaign_plan
+from service.admission import training_request as training
+from service.api.openapi_examples import EXAMPLES
+from service.api.schemas import access as access_schemas
+from service.api.schemas import campaigns as campaign_schemas
+from service.api.schemas import jobs as schemas
+from service.api.schemas import models as model_schemas
+from service.api.schemas import operations as schemas_ops
+from tests.service.http import idle_service
+
+OPERATIONS = {
+    "submit_job": "POST /api/v1/jobs",
+    "list_jobs": "GET /api/v1/jobs",
+    "get_job": "GET /api/v1/jobs/{job_id}",
+    "cancel_job": "POST /api/v1/jobs/{job_id}/cancel",
+    "retry_job": "POST /api/v1/jobs/{job_id}/retry",
+    "pin_job": "POST /api/v1/jobs/{job_id}/pin",
+    "unpin_job": "DELETE /api/v1/jobs/{job_id}/pin",
+    "get_job_events": "GET /api/v1/jobs/{job_id}/events",
+    "get_events": "GET /api/v1/events",
+    "delete_job": "DELETE /api/v1/jobs/{job_id}",
+    "get_metrics": "GET /api/v1/jobs/{job_id}/metrics",
+    "get_series": "GET /api/v1/jobs/{job_id}/series",
+    "list_artefacts": "GET /api/v1/jobs/{job_id}/artefacts",
+    "get_log": "GET /api/v1/jobs/{job_id}/log",
+    "get_artefact": "GET /api/v1/jobs/{job_id}/artefacts/{name}",
+    "get_recording": "GET /recordings/{job_id}.rrd",
+    "create_upload": "POST /api/v1/uploads",
+    "list_uploads": "GET /api/v1/uploads",
+    "get_upload": "GET /api/v1/uploads/{upload_id}",
+    "get_upload_content": "GET /api/v1/uploads/{upload_id}/content",
+    "delete_upload": "DELETE /api/v1/uploads/{upload_id}",
+    "pin_upload": "POST /api/v1/uploads/{upload_id}/pin",
+    "unpin_upload": "DELETE /api/v1/uploads/{upload_id}/pin",
+    "list_models": "GET /api/v1/models",
+    "train_model": "POST /api/v1/models/train",
+    "get_model": "GET /api/v1/models/{model_id}",
+    "get_model_content": "GET /api/v1/models/{model_id}/content",
+    "list_controllers": "GET /api/v1/controllers",
+    "list_keys": "GET /api/v1/keys",
+    "create_key": "POST /api/v1/keys",
+    "get_key": "GET /api/v1/keys/{key_id}",
+    "revoke_key": "DELETE /api/v1/keys/{key_id}",
+    "list_suites": "GET /api/v1/suites",
+    "create_campaign": "POST /api/v1/campaigns",
+    "list_campaigns": "GET /api/v1/campaigns",
+    "get_campaign": "GET /api/v1/campaigns/{campaign_id}",
+    "cancel_campaign": "POST /api/v1/campaigns/{campaign_id}/cancel",
+    "delete_campaign": "DELETE /api/v1/campaigns/{campaign_id}",
+    "list_campaign_jobs": "GET /api/v1/campaigns/{campaign_id}/jobs",
+    "get_campaign_results": "GET /api/v1/campaigns/{campaign_id}/results",
+    "get_campaign_report": "GET /api/v1/campaigns/{campaign_id}/report",
+    "compare_campaigns": "POST /api/v1/comparisons",
+    "list_trends": "GET /api/v1/trends",
+    "get_trend": "GET /api/v1/trends/{suite}",
+    "create_schedule": "POST /api/v1/schedules",
+    "list_schedules": "GET /api/v1/schedules",
+    "get_schedule": "GET /api/v1/schedules/{schedule_id}",
+    "change_schedule": "PATCH /api/v1/schedules/{schedule_id}",
+    "delete_schedule": "DELETE /api/v1/schedules/{schedule_id}",
+    "trigger_schedule": "POST /api/v1/schedules/{schedule_id}/trigger",
+    "list_schedule_runs": "GET /api/v1/schedules/{schedule_id}/runs",
+    "list_scenarios": "GET /api/v1/scenarios",
+    "get_scenario": "GET /api/v1/scenarios/{name}",
+    "clear_jobs": "POST /api/v1/gc",
+    "get_monitoring": "GET /metrics",
+    "get_health": "GET /healthz",
+    "get_readiness": "GET /readyz",
+    "get_version": "GET /version",
+}
+
+
+@pytest.fixture
+def document(tmp_path: Path) -> dict[str, Any]:
+    with idle_service(tmp_path) as (http, _):
+        found: dict[str, Any] = http.get("/openapi.json").json()
+    return found
+
+
+def operations(document: dict[str, Any]) -> dict[str, tuple[str, dict[str, Any]]]:
+    return {
+        operation["operationId"]: (f"{method.upper()} {path}", operation)
+        for path, methods in document["paths"].items()
+        for method, operation in methods.items()
+    }
+
+
+def test_operation_ids_are_frozen(document: dict[str, Any]) -> None:
+    assert {name: where for name, (where, _) in operations(document).items()} == OPERATIONS
+
+
+def test_every_operation_says_what_it_does_and_every_error_is_a_problem(document: dict[str, Any]) -> None:
+    for name, (_, operation) in operations(document).items():
+        assert operation["summary"], name
+        assert operation["description"], name
+        for status, answer in operation["responses"].items():
+            if status >= "400":
+                assert list(answer["content"]) == ["application/problem+json"], (name, status)
+
+
+def test_every_reference_leads_somewhere_and_the_request_has_examples(document: dict[str, Any]) -> None:
+    text = json.dumps(document)
+    schemas = document["components"]["schemas"]
+    for part in text.split('"$ref": "#/components/schemas/')[1:]:
+        assert part.partition('"')[0] in schemas
+    assert "HTTPValidationError" not in schemas
+    assert len(schemas["JobRequest"]["examples"]) == 2
+    assert len(schemas["TrainRequest"]["examples"]) == 2
+
+
+MODELS = (access_schemas, campaign_plan, campaign_schemas, model_schemas, schemas, schemas_ops, training)
+
+
+def model_of(name: str) -> type[BaseModel]:
+    """The class behind a schema of the document."""
+    found: type[BaseModel] = next(vars(module)[name] for module in MODELS if name in vars(module))
+    return found
+
+
+def test_every_body_has_examples_and_every_example_is_one(document: dict[str, Any]) -> None:
+    components = document["components"]["schemas"]
+    for name, (_, operation) in operations(document).items():
+        body = operation.get("requestBody", {}).get("content", {}).get("application/json")
+        if body is not None:
+            assert components[body["schema"]["$ref"].rpartition("/")[2]]["examples"], name
+    for name, schema in components.items():
+        for example in schema.get("examples", ()):
+            model_of(name).model_validate(example)
+    assert EXAMPLES.keys() <= components.keys()
+    for name, example in EXAMPLES.items():
+        assert set(example) == set(components[name]["properties"]), name
+
+
+def test_every_operation_names_its_scope(document: dict[str, Any]) -> None:
+    for name, (where, operation) in operations(document).items():
+        scopes = {scope for option in operation["security"] for found in option.values() for scope in found}
+        if where.endswith(("/healthz", "/readyz")):
+            assert scopes == set(), name
+        elif "/keys" in where:
+            assert scopes == {"admin"}, name
+        elif where.startswith("GET"):
+            assert scopes == {"read"}, name
+        else:
+            assert scopes <= {"submit", "admin"}, name
+            assert len(scopes) == 1, name
+        assert not any(field.startswith("x-") for field in operation), name
+    assert set(document["components"]["securitySchemes"]) == {"key", "login"}
+
+
+def test_every_operation_tells_its_refusals(document: dict[str, Any]) -> None:
+    for name, (where, operation) in operations(document).items():
+        if "/api/" in where:
+            assert {"401", "403", "421", "422", "429"} <= set(operation["responses"]), name

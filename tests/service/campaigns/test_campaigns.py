@@ -1,0 +1,251 @@
+"""Campaigns over HTTP and in the store, without an engine: jobs are moved on by hand."""
+
+from __future__ import annotations
+
+import csv
+import io
+import re
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+from urllib.parse import urljoin
+
+import pytest
+from starlette.testclient import TestClient
+
+from service.api.context import Service
+from service.store.job import CANCELLED, FAILED, SUCCEEDED, Outcome
+from tests.service.http import idle_service
+
+GRID = {
+    "name": "two by two",
+    "scenario": {"recording": {"enabled": False}},
+    "grid": {"controller.kind": ["ifem", "open_loop"], "seed": [0, 1]},
+}
+
+
+@pytest.fixture
+def both(tmp_path: Path) -> Iterator[tuple[TestClient, Service]]:
+    with idle_service(tmp_path) as (http, service):
+        yield http, service
+
+
+def start(http: TestClient, body: dict[str, Any] | None = None) -> dict[str, Any]:
+    answer = http.post("/api/v1/campaigns", json=body or GRID)
+    assert answer.status_code == 202, answer.text
+    assert answer.headers["location"] == answer.json()["links"]["self"]
+    found: dict[str, Any] = answer.json()
+    return found
+
+
+def run_all(service: Service, *, rmse_mm: float = 0.1, digest: str = "d", state: str = SUCCEEDED) -> int:
+    """End every queued job; how many there were."""
+    count = 0
+    while (job := service.store.claim()) is not None:
+        metrics = {"stable": True, "success": True, "rmse_mm": rmse_mm + 1e-3 * count, "max_error_mm": 0.4}
+        timing = {"plant": {"median_ms": 2.0}, "jacobian": {"median_ms": 0.2}, "command": {"median_ms": 0.1}}
+        origin = {"scenario": (job.spec or {})["scenario"], "commit": "abc", "cpu": "cpu", "cpu_count": 2}
+        result = {"status": "completed", "metrics": metrics, "timing": timing, "digest": digest, "provenance": origin}
+        if state == SUCCEEDED:
+            service.store.finish(job, Outcome(state=state, result=result))
+        else:
+            service.store.finish(job, Outcome(state=state, error_kind="exception", error="it broke"))
+        count += 1
+    return count
+
+
+def ended(both: tuple[TestClient, Service], **how: Any) -> dict[str, Any]:
+    """A campaign from its beginning to its end."""
+    http, service = both
+    made = start(http)
+    assert run_all(service, **how) == 4
+    service.keeper.look()
+    found: dict[str, Any] = http.get(made["links"]["self"]).json()
+    assert found["state"] == "done"
+    return found
+
+
+def test_a_grid_over_element_sizes_takes_the_spacing_along(both: tuple[TestClient, Service]) -> None:
+    http, service = both
+    start(http, {"scenario": "line", "grid": {"tissue.element_size_mm": [6, 10]}})
+    specs = [job.spec or {} for job in (service.store.claim(), service.store.claim()) if job is not None]
+    assert sorted(spec["scenario"]["interaction"]["spacing_mm"] for spec in specs) == [6.0, 10.0]
+
+
+def test_a_campaign_makes_its_jobs_and_ends_with_them(both: tuple[TestClient, Service]) -> None:
+    http, service = both
+    made = start(http)
+    assert (made["state"], made["cases"], made["jobs"], made["fraction"]) == ("running", 4, {"queued": 4}, 0.0)
+    service.keeper.look()
+    assert http.get(made["links"]["self"]).json()["state"] == "running"
+    run_all(service)
+    service.keeper.look()
+    done = http.get(made["links"]["self"]).json()
+    assert (done["state"], done["jobs"], done["fraction"]) == ("done", {"succeeded": 4}, 1.0)
+    cases = http.get(made["links"]["jobs"]).json()["items"]
+    assert [case["labels"] for case in cases][:2] == [
+        {"controller.kind": "ifem", "seed": 0, "arm": "ifem"},
+        {"controller.kind": "ifem", "seed": 1, "arm": "ifem"},
+    ]
+    assert all(case["success"] for case in cases)
+
+
+def test_a_dry_run_queues_nothing(both: tuple[TestClient, Service]) -> None:
+    http, service = both
+    answer = http.post("/api/v1/campaigns?dry_run=1", json=GRID)
+    assert answer.status_code == 200
+    assert answer.json()["jobs"] == 4
+    assert answer.json()["seconds"] > 0
+    assert service.store.claim() is None
+    assert http.get("/api/v1/campaigns").json()["items"] == []
+
+
+@pytest.mark.parametrize(
+    ("body", "words"),
+    [
+        ({}, "either suite or grid"),
+        ({"suite": "nonsense-v1"}, "lin100-v1"),
+        ({"suite": "lin100-v1-smoke", "grid": {"seed": [0]}}, "either suite or grid"),
+        ({"grid": {"seed": []}}, "at least one"),
+        ({"grid": {"tissue.mesh_file": ["/etc/passwd"]}}, "not accepted here"),
+        ({"grid": {"seed": [0]}, "priority": 1000}, "100"),
+    ],
+)
+def test_a_wrong_request_is_refused_whole(both: tuple[TestClient, Service], body: dict[str, Any], words: str) -> None:
+    http, service = both
+    answer = http.post("/api/v1/campaigns", json=body)
+    assert answer.status_code == 422
+    assert words in answer.text
+    assert service.store.claim() is None
+
+
+def test_single_jobs_go_before_campaigns(both: tuple[TestClient, Service]) -> None:
+    http, service = both
+    start(http)
+    single = http.post("/api/v1/jobs", json={"scenario": "demo"}).json()
+    claimed = service.store.claim()
+    assert claimed is not None
+    assert claimed.id == single["id"]
+
+
+def test_cancelling_keeps_what_is_finished(both: tuple[TestClient, Service]) -> None:
+    http, service = both
+    made = start(http)
+    first, second = service.store.claim(), service.store.claim()
+    assert first is not None
+    assert second is not None
+    service.store.finish(first, Outcome(state=SUCCEEDED, result={"metrics": {}, "status": "completed"}))
+    for _ in range(2):
+        assert http.post(made["links"]["cancel"]).status_code == 202
+    service.keeper.look()
+    now = http.get(made["links"]["self"]).json()
+    assert (now["state"], now["cancelling"]) == ("running", True)
+    assert now["jobs"] == {"succeeded": 1, "running": 1, "cancelled": 2}
+    assert service.store.glance(second.id).cancel_requested
+    service.store.finish(second, Outcome(state=CANCELLED))
+    service.keeper.look()
+    assert http.get(made["links"]["self"]).json()["state"] == "cancelled"
+
+
+def test_results_outlive_their_jobs(both: tuple[TestClient, Service]) -> None:
+    http, service = both
+    done = ended(both)
+    before = http.get(done["links"]["results"]).json()
+    for case in http.get(done["links"]["jobs"]).json()["items"]:
+        service.store.delete(case["job"])
+    after = http.get(done["links"]["results"]).json()
+    assert [insertion.pop("link") for insertion in after["chosen"]] == [None] * 4
+    assert all(insertion.pop("link").startswith("/jobs/") for insertion in before["chosen"])
+    assert after == before
+    assert [score["arm"] for score in before["scores"]] == ["ifem", "open_loop"]
+
+
+def test_results_as_csv_and_as_a_page(both: tuple[TestClient, Service]) -> None:
+    http, _ = both
+    done = ended(both)
+    lines = list(csv.DictReader(io.StringIO(http.get(done["links"]["results"] + "?format=csv").text)))
+    assert [line["arm"] for line in lines] == ["ifem", "ifem", "open_loop", "open_loop"]
+    page = http.get(done["links"]["report"])
+    assert page.headers["content-type"].startswith("text/html"), page.text
+    assert "I-FEM" in page.text
+    assert "<script" not in page.text
+    assert "<h1>two by two</h1>" in page.text
+    assert "Perrusi" not in page.text
+    (job, *_) = http.get(done["links"]["jobs"]).json()["items"]
+    assert f'href="/jobs/{job["job"]}" target="_top"' in page.text
+    for link in re.findall('href="(results[^"]*)"', page.text):
+        assert http.get(urljoin(done["links"]["report"], link)).status_code == 200
+
+
+def test_a_named_suite_has_the_report_of_the_paper(both: tuple[TestClient, Service]) -> None:
+    http, service = both
+    made = start(http, {"suite": "lin100-v1-smoke"})
+    run_all(service)
+    service.keeper.look()
+    page = http.get(made["links"]["report"]).text
+    assert "The paper’s claims" in page
+    assert 'href="/jobs/' in page
+    assert "needlebench view" not in page
+
+
+def test_jobs_without_a_result_are_failures_that_stay_in(both: tuple[TestClient, Service]) -> None:
+    http, _ = both
+    done = ended(both, state=FAILED)
+    assert [score["stable"] for score in http.get(done["links"]["results"]).json()["scores"]] == [0.0, 0.0]
+
+
+def test_only_what_has_ended_can_be_deleted(both: tuple[TestClient, Service]) -> None:
+    http, _ = both
+    made = start(http)
+    assert http.delete(made["links"]["self"]).status_code == 409
+    done = ended(both) if http.post(made["links"]["cancel"]) else made
+    assert http.delete(done["links"]["self"]).status_code == 204
+    assert http.get(done["links"]["self"]).status_code == 404
+
+
+def test_two_campaigns_and_two_controllers_are_compared(both: tuple[TestClient, Service]) -> None:
+    http, _ = both
+    one, other = ended(both, rmse_mm=0.1), ended(both, rmse_mm=0.3, digest="e")
+    found = http.post("/api/v1/comparisons", json={"campaigns": [one["id"], other["id"]]}).json()
+    assert (found["shared_cases"], found["same_digests"]) == (4, 0)
+    assert [round(c["difference_mm"], 6) for c in found["comparisons"]] == [-0.2, -0.2]
+    arms = {"campaigns": [one["id"]], "controllers": ["ifem", "open_loop"]}
+    assert http.post("/api/v1/comparisons", json=arms).json()["comparisons"][0]["difference_mm"] < 0
+    unknown = {"campaigns": [one["id"]], "controllers": ["ifem", "elm"]}
+    assert http.post("/api/v1/comparisons", json=unknown).status_code == 422
+    assert http.post("/api/v1/comparisons", json={"campaigns": [one["id"]]}).status_code == 422
+    assert http.post("/api/v1/comparisons", json={"campaigns": [one["id"], "ffff"]}).status_code == 404
+
+
+def test_a_trend_marks_what_got_worse(both: tuple[TestClient, Service]) -> None:
+    http, _ = both
+    ended(both)
+    ended(both)
+    ended(both, state=FAILED)
+    assert http.get("/api/v1/trends").json()["items"] == ["two by two"]
+    points = http.get("/api/v1/trends/two by two").json()["points"]
+    assert [point["regression"] for point in points] == [False, False, True]
+    assert points[1]["accuracy_why"] == "all 4 digests as before"
+    ended(both, state=FAILED)
+    trend = http.get("/api/v1/trends/two by two").json()
+    assert trend["points"][-1]["regression"] is False
+    assert [(loss["figure"], loss["campaign"]) for loss in trend["losses"]] == [("success", points[2]["campaign"])]
+    assert "Not mended yet" in http.get("/trends/two by two").text
+    assert "worse since" in http.get("/trends").text
+    ended(both)
+    assert http.get("/api/v1/trends/two by two").json()["losses"] == []
+    assert points[0]["step_ms"] == pytest.approx(2.3)
+
+
+def test_campaigns_are_listed_page_by_page(both: tuple[TestClient, Service]) -> None:
+    http, _ = both
+    made = [start(http)["id"] for _ in range(3)]
+    first = http.get("/api/v1/campaigns?limit=2").json()
+    rest = http.get(f"/api/v1/campaigns?limit=2&cursor={first['next_cursor']}").json()
+    assert [item["id"] for item in first["items"] + rest["items"]] == made[::-1]
+    assert rest["next_cursor"] is None
+
+
+def test_suites_are_listed(both: tuple[TestClient, Service]) -> None:
+    http, _ = both
+    assert "lin100-v1-smoke" in [item["name"] for item in http.get("/api/v1/suites").json()["items"]]

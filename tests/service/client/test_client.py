@@ -1,0 +1,65 @@
+"""The client against addresses, ids and answers that are not what they should be."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import httpx2
+import pytest
+
+from service.client.client import CannotWrite, Client, ServiceError, Unreachable
+from service.client.connection import part
+from simcore.errors import ScenarioError
+
+URL = "http://127.0.0.1:8321"
+
+
+def client_that_gets(answer: httpx2.Response) -> tuple[Client, list[httpx2.Request]]:
+    asked: list[httpx2.Request] = []
+
+    def reply(request: httpx2.Request) -> httpx2.Response:
+        asked.append(request)
+        return answer
+
+    client = Client(URL)
+    client._http = httpx2.Client(base_url=URL, transport=httpx2.MockTransport(reply))
+    return client, asked
+
+
+@pytest.mark.parametrize("name", ["a/pin", "..", ".", "a?wait=60", "", "../../etc", "ä b", "%2e%2e"])
+def test_an_id_stays_one_part_of_the_address(name: str) -> None:
+    client, asked = client_that_gets(httpx2.Response(204))
+    client.delete(name)
+    path = asked[0].url.raw_path
+    assert path.startswith(b"/api/v1/jobs/")
+    assert path.count(b"/") == 4
+    assert b"?" not in path
+    assert path != b"/api/v1/jobs/"
+
+
+def test_an_id_of_ours_is_left_as_it_is() -> None:
+    assert part("5f2b8c0d9e1a4b37") == "5f2b8c0d9e1a4b37"
+
+
+def test_an_answer_that_is_no_json_is_of_no_service() -> None:
+    client, _ = client_that_gets(httpx2.Response(200, text="<html>hello</html>"))
+    with pytest.raises(ServiceError, match="is no needlebench service"):
+        client.job("a")
+
+
+@pytest.mark.parametrize("url", ["http://[::1", "http://[x]:1"])
+def test_a_broken_address_is_named(url: str) -> None:
+    with pytest.raises(Unreachable, match="is not the address of a service"):
+        Client(url)
+
+
+def test_a_key_that_no_header_can_hold_is_bad_input() -> None:
+    with pytest.raises(ScenarioError, match="printable ASCII"):
+        Client(URL, "nb_ü")
+
+
+def test_a_download_into_no_folder_says_which(tmp_path: Path) -> None:
+    client, _ = client_that_gets(httpx2.Response(200, content=b"0123"))
+    with pytest.raises(CannotWrite, match="cannot be written: No such file or directory"):
+        client.recording("a", tmp_path / "nothing" / "a.rrd")
+    assert client.recording("a", tmp_path / "a.rrd").read_bytes() == b"0123"

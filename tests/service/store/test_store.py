@@ -1,0 +1,341 @@
+from __future__ import annotations
+
+from collections.abc import Iterator
+from concurrent.futures import ThreadPoolExecutor
+from itertools import count
+from pathlib import Path
+from typing import Any
+
+import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+
+from service.engine.metrics import Monitor
+from service.engine.retention import Policy, clear
+from service.store.database import open_database
+from service.store.job import (
+    LEGAL,
+    MAXIMUM_ATTEMPTS,
+    TERMINAL,
+    Artefact,
+    IllegalTransition,
+    Job,
+    KeyReused,
+    Outcome,
+    UnknownJob,
+)
+from service.store.jobs import Store
+from service.store.statements import NEXT
+from tests.service.databases import lay_down
+
+
+@pytest.fixture
+def heard() -> list[str]:
+    return []
+
+
+@pytest.fixture
+def store(tmp_path: Path, heard: list[str]) -> Iterator[Store]:
+    clock = count(1000.5)
+    opened = Store(open_database(lay_down(tmp_path / "jobs.sqlite")), now=lambda: next(clock))
+    opened.listen(heard.append)
+    yield opened
+    opened.close()
+
+
+def submit(store: Store, name: str = "a", **more: Any) -> Job:
+    given_fields = {"spec": {"scenario": {}}, "spec_hash": "0", "steps": 10, "priority": 0, "timeout_s": 60.0}
+    return store.submit(name=name, **{**given_fields, **more})
+
+
+def claim(store: Store) -> Job:
+    job = store.claim()
+    assert job is not None
+    return job
+
+
+RESULT = Outcome(state="succeeded", result={"status": "completed", "metrics": {"rmse_mm": 0.5}})
+
+
+def kinds(store: Store, job: Job) -> list[str]:
+    return [event.kind for event in store.events(job.id)]
+
+
+def test_the_life_of_a_job(store: Store, heard: list[str]) -> None:
+    job = submit(store)
+    running = claim(store)
+    store.beat(running, {"step": 5, "steps": 10, "fraction": 0.5})
+    file = Artefact(kind="result", name="result.json", path="jobs/a/1/result.json", sha256="ab", bytes=3)
+    done = store.finish(running, Outcome(state="succeeded", result=RESULT.result, artefacts=(file,)))
+    assert (done.state, done.attempt, done.metrics) == ("succeeded", 1, {"rmse_mm": 0.5})
+    assert store.artefacts(job.id) == [file]
+    assert kinds(store, job) == ["queued", "started", "succeeded"]
+    assert heard == [job.id] * 4
+    assert job.version < running.version < done.version
+    assert job.created_at < (running.started_at or 0) < (done.finished_at or 0)
+
+
+def test_claims_go_by_priority_then_by_arrival(store: Store) -> None:
+    for name, priority in (("a", 0), ("b", 5), ("c", 0), ("d", 5)):
+        submit(store, name, priority=priority)
+    assert [claim(store).name for _ in range(4)] == ["b", "d", "a", "c"]
+    assert store.claim() is None
+
+
+def test_many_claimants_never_get_the_same_job(store: Store) -> None:
+    for _ in range(40):
+        submit(store)
+    with ThreadPoolExecutor(8) as pool:
+        claimed = list(pool.map(lambda _: store.claim(), range(60)))
+    ids = [job.id for job in claimed if job is not None]
+    assert len(ids) == len(set(ids)) == 40
+
+
+def test_a_cancelled_queue_entry_is_never_claimed(store: Store) -> None:
+    job = submit(store)
+    assert store.cancel(job.id).state == "cancelled"
+    assert store.cancel(job.id).state == "cancelled"
+    assert store.claim() is None
+    assert kinds(store, job) == ["queued", "cancelled"]
+
+
+def test_cancelling_a_running_job_asks_its_owner(store: Store) -> None:
+    submit(store)
+    running = claim(store)
+    for _ in range(2):
+        assert store.cancel(running.id).cancel_requested
+    assert store.finish(running, Outcome(state="cancelled")).state == "cancelled"
+    assert kinds(store, running) == ["queued", "started", "cancel_requested", "cancelled"]
+
+
+def test_a_job_that_ended_cannot_be_cancelled(store: Store) -> None:
+    submit(store)
+    done = store.finish(claim(store), RESULT)
+    with pytest.raises(IllegalTransition, match="is succeeded"):
+        store.cancel(done.id)
+
+
+def test_three_crashes_are_enough(store: Store) -> None:
+    job = submit(store)
+    states = [store.requeue(claim(store), reason="signal 9", crashed=True).state for _ in range(3)]
+    assert states == ["queued", "queued", "failed"]
+    failed = store.get(job.id)
+    assert (failed.error_kind, failed.attempt, failed.crashes) == ("worker_died", 3, 3)
+    assert "signal 9" in (failed.error or "")
+
+
+def test_stopping_the_server_counts_as_no_crash(store: Store) -> None:
+    submit(store)
+    for _ in range(5):
+        assert store.requeue(claim(store), reason="the server was stopped", crashed=False).crashes == 0
+    assert claim(store).attempt == 6
+
+
+def test_recovery_requeues_what_was_running_and_honours_a_cancel(store: Store) -> None:
+    waiting, running, cancelled = submit(store, priority=-1), submit(store, priority=2), submit(store, priority=1)
+    assert [claim(store).id, claim(store).id] == [running.id, cancelled.id]
+    store.cancel(cancelled.id)
+    assert {job.id: job.state for job in store.recover()} == {running.id: "queued", cancelled.id: "cancelled"}
+    assert store.get(waiting.id).state == "queued"
+    assert store.recover() == []
+
+
+def test_the_owner_of_before_can_change_nothing(store: Store) -> None:
+    submit(store)
+    first = claim(store)
+    store.requeue(first, reason="the server died", crashed=True)
+    second = claim(store)
+    store.beat(first, {"step": 9})
+    assert store.get(first.id).progress is None
+    with pytest.raises(IllegalTransition):
+        store.finish(first, RESULT)
+    assert store.finish(second, RESULT).state == "succeeded"
+
+
+def test_an_idempotency_key_gives_the_same_job_again(store: Store) -> None:
+    job = submit(store, key="k", request_hash="1")
+    assert submit(store, key="k", request_hash="1").id == job.id
+    with pytest.raises(KeyReused, match=job.id):
+        submit(store, key="k", request_hash="2")
+    assert len(store.newest()) == 1
+
+
+def test_only_ended_jobs_can_be_deleted(store: Store) -> None:
+    job = submit(store, key="k", request_hash="1")
+    with pytest.raises(IllegalTransition, match="is queued"):
+        store.delete(job.id)
+    store.cancel(job.id)
+    store.delete(job.id)
+    with pytest.raises(UnknownJob):
+        store.get(job.id)
+    assert kinds(store, job) == ["queued", "cancelled", "deleted"]
+
+
+def test_pages_are_newest_first_and_without_the_large_fields(store: Store) -> None:
+    jobs = [submit(store, str(i)) for i in range(5)]
+    page = store.newest(limit=2)
+    assert [job.name for job in page] == ["4", "3"]
+    assert [job.name for job in store.newest(limit=9, before=page[-1].seq)] == ["2", "1", "0"]
+    assert (page[0].spec, page[0].result) == (None, None)
+    store.cancel(jobs[1].id)
+    assert [job.name for job in store.newest(state="cancelled")] == ["1"]
+
+
+def test_a_result_with_nan_is_refused_and_the_job_stays(store: Store) -> None:
+    submit(store)
+    running = claim(store)
+    with pytest.raises(Exception, match="JSON compliant"):
+        store.finish(running, Outcome(state="succeeded", result={"metrics": {"rmse_mm": float("nan")}}))
+    assert store.get(running.id).state == "running"
+
+
+def test_the_death_of_the_server_is_laid_to_a_job_after_very_many_attempts_only(store: Store) -> None:
+    job = submit(store)
+    for attempt in range(1, MAXIMUM_ATTEMPTS):
+        assert claim(store).attempt == attempt
+        (again,) = store.recover()
+        assert (again.state, again.crashes) == ("queued", 0)
+    claim(store)
+    (given_up,) = store.recover()
+    assert (given_up.state, given_up.error_kind) == ("failed", "worker_died")
+    assert store.events(job.id)[2].kind == "crashed"
+
+
+def test_a_retry_begins_anew_and_keeps_the_log(store: Store) -> None:
+    job = submit(store)
+    running = claim(store)
+    file = Artefact(kind="recording", name="recording.rrd", path="jobs/a/1/recording.rrd", sha256="ab", bytes=3)
+    store.finish(running, Outcome(state="failed", error_kind="exception", error="x", artefacts=(file,)))
+    again = store.retry(job.id)
+    assert (again.state, again.error, again.finished_at, again.attempt) == ("queued", None, None, 1)
+    assert store.artefacts(job.id) == []
+    assert claim(store).attempt == 2
+    assert kinds(store, job) == ["queued", "started", "failed", "queued", "started"]
+    with pytest.raises(IllegalTransition, match="is running"):
+        store.retry(job.id)
+
+
+def test_a_pinned_job_is_not_deleted(store: Store) -> None:
+    job = submit(store)
+    store.cancel(job.id)
+    assert store.pin(job.id, pinned=True).pinned
+    with pytest.raises(IllegalTransition, match="is pinned"):
+        store.delete(job.id)
+    store.pin(job.id, pinned=False)
+    store.delete(job.id)
+
+
+def test_a_clock_that_is_set_back_orders_nothing(tmp_path: Path) -> None:
+    """Jobs are ordered by arrival, events by number; a job that ended in the future is not old."""
+    times = [5000.0, 4000.0, 3000.0, 2000.0, 1000.0, 900.0, 800.0, 700.0, 600.0, 500.0, 400.0, 300.0, 200.0, 100.0]
+    store = Store(
+        open_database(lay_down(tmp_path / "jobs.sqlite")), now=lambda: times.pop(0) if len(times) > 1 else times[0]
+    )
+    first, second = submit(store, "a"), submit(store, "b")
+    assert [job.name for job in store.newest()] == ["b", "a"]
+    running = claim(store)
+    assert running.name == "a"
+    store.finish(running, RESULT)
+    assert claim(store).id == second.id
+    assert kinds(store, first) == ["queued", "started", "succeeded"]
+    done = store.get(first.id)
+    assert (done.finished_at or 0) < (done.started_at or 0) < done.created_at
+    folder = tmp_path / "jobs"
+    assert clear(store, folder, Policy(older_than_s=60.0), dry_run=False).jobs == ()
+    monitor = Monitor()
+    monitor.started(running)
+    assert b"needlebench_job_wait_seconds_sum 0.0" in monitor.text()
+    store.close()
+
+
+ACTIONS = ("retry", "claim", "finish", "fail", "crash", "stop", "cancel", "recover", "beat")
+
+
+@settings(max_examples=25, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@given(st.lists(st.sampled_from(ACTIONS), max_size=25))
+def test_whatever_happens_only_legal_steps_are_taken(store: Store, actions: list[str]) -> None:
+    job = submit(store)
+    owner, state = None, "queued"
+    for action in actions:
+        owner = _act(store, job, owner, action)
+        now = store.get(job.id)
+        assert now.state == state or now.state in LEGAL[state]
+        assert (now.finished_at is not None) == (now.state in TERMINAL)
+        state = now.state
+    if state not in TERMINAL:  # the next example begins with an empty queue
+        store.cancel(job.id)
+        store.recover()
+
+
+def _act(store: Store, job: Job, owner: Job | None, action: str) -> Job | None:
+    """One action by an owner that may have lost the job; refusals are fine, illegal steps are not."""
+    try:
+        if action == "claim":
+            return store.claim() or owner
+        if action == "cancel":
+            store.cancel(job.id)
+        elif action == "recover":
+            store.recover()
+        elif action == "retry":
+            store.retry(job.id)
+        elif owner is not None:
+            _end(store, owner, action)
+    except IllegalTransition:
+        pass
+    return owner
+
+
+def _end(store: Store, owner: Job, action: str) -> None:
+    if action == "beat":
+        store.beat(owner, {"step": 1})
+    elif action in ("crash", "stop"):
+        store.requeue(owner, reason=action, crashed=action == "crash")
+    else:
+        outcome = RESULT if action == "finish" else Outcome(state="failed", error_kind="exception", error="x")
+        store.finish(owner, outcome)
+
+
+def test_an_exchange_ends_one_job_and_takes_the_next_and_tells_nobody_before_it_is_published(
+    store: Store, heard: list[str]
+) -> None:
+    first, second = submit(store), submit(store, "b")
+    running = claim(store)
+    heard.clear()
+    done, taken = store.exchange(running, RESULT)
+    assert taken is not None
+    assert not heard
+    assert (done.state, done.result, done.metrics) == ("succeeded", RESULT.result, {"rmse_mm": 0.5})
+    assert (taken.id, taken.state, taken.attempt) == (second.id, "running", 1)
+    assert (store.get(first.id), store.get(second.id)) == (done, taken)
+    assert [(event.job_id, event.kind) for event in store.events()][-2:] == [
+        (first.id, "succeeded"),
+        (second.id, "started"),
+    ]
+    store.publish(done.id, taken.id)
+    assert heard == [done.id, taken.id]
+    assert store.exchange(taken, Outcome(state="failed", error_kind="exception", error="x"))[1] is None
+
+
+def test_an_exchange_by_an_owner_of_before_takes_nothing(store: Store) -> None:
+    job, other = submit(store, priority=1), submit(store, "b")
+    old = claim(store)
+    store.requeue(old, reason="x", crashed=True)
+    claim(store)
+    with pytest.raises(IllegalTransition):
+        store.exchange(old, RESULT)
+    assert (store.get(job.id).state, store.get(other.id).state) == ("running", "queued")
+
+
+def test_what_a_client_is_promised_waits_for_the_disk(store: Store) -> None:
+    for lazy, level in ((True, 1), (False, 2), (True, 1)):  # NORMAL, FULL
+        with store._write(lazy=lazy) as connection:
+            assert connection.exec_driver_sql("PRAGMA synchronous").scalar() == level
+
+
+def test_the_next_job_is_found_without_looking_at_the_others(store: Store) -> None:
+    """However many are queued."""
+    dialect = store.engine.dialect
+    plan = "EXPLAIN QUERY PLAN " + str(NEXT.element.compile(dialect=dialect, compile_kwargs={"literal_binds": True}))
+    with store.reading() as connection:
+        steps = [row.detail for row in connection.exec_driver_sql(plan)]
+    assert steps == ["SCAN job USING INDEX ix_job_queued"]

@@ -1,0 +1,366 @@
+"""Meshes and models over HTTP: kept by content, looked into first, named in scenarios by id, never by a path."""
+
+from __future__ import annotations
+
+import hashlib
+import io
+import json
+import pickle
+import zipfile
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from starlette.testclient import TestClient
+
+from service.admission.upload_check import BadUpload, look_into
+from service.api.context import Service
+from service.limits import Limits
+from tests.service.http import finish, idle_service
+from tests.service.learned import dataset_bytes, model_bytes
+from tests.simcore.mesh.test_mesh_file import write_box
+
+UPLOADS = "/api/v1/uploads"
+JOBS = "/api/v1/jobs"
+
+
+@pytest.fixture
+def both(tmp_path: Path) -> Iterator[tuple[TestClient, Service]]:
+    with idle_service(tmp_path / "data", limits=Limits(upload_mb=0.1)) as pair:
+        yield pair
+
+
+@pytest.fixture
+def http(both: tuple[TestClient, Service]) -> TestClient:
+    return both[0]
+
+
+def box(folder: Path) -> bytes:
+    path, _ = write_box(folder, "box.vtk")
+    return path.read_bytes()
+
+
+def arrays(**values: Any) -> bytes:
+    file = io.BytesIO()
+    np.savez(file, **values)
+    return file.getvalue()
+
+
+def send(http: TestClient, data: bytes, name: str = "box.vtk", kind: str = "mesh", **headers: str) -> Any:
+    return http.post(UPLOADS, params={"kind": kind, "name": name}, content=data, headers=headers)
+
+
+def scenario(reference: str) -> dict[str, Any]:
+    return {
+        "tissue": {"mesh_file": reference, "fixed_faces": ["y_min", "y_max"]},
+        "interaction": {"spacing_mm": 11},
+        "trajectory": {"entry_mm": [10, 20, 0], "target_mm": [10, 20, 30]},
+        "needle": {"length_mm": 100},
+    }
+
+
+def test_the_same_content_is_one_upload(http: TestClient, tmp_path: Path) -> None:
+    data = box(tmp_path)
+    first = send(http, data, **{"Content-Type": "application/octet-stream"})
+    sha256 = hashlib.sha256(data).hexdigest()
+    told = first.json()
+    assert (first.status_code, first.headers["location"]) == (201, f"{UPLOADS}/{sha256}.vtk")
+    assert (told["id"], told["reference"], told["sha256"]) == (f"{sha256}.vtk", f"artefact:{sha256}.vtk", sha256)
+    assert told["content"] == {"nodes": 105, "tetrahedra": 288}
+    again = send(http, data, name="other name.vtk")
+    assert (again.status_code, again.json()) == (200, told)
+    assert http.get(UPLOADS).json()["items"] == [told]
+    assert http.get(first.headers["location"]).json() == told
+    assert http.get(told["url"]).content == data
+
+
+def test_a_job_names_an_upload_and_holds_it_until_it_has_ended(
+    both: tuple[TestClient, Service], tmp_path: Path
+) -> None:
+    http, service = both
+    sent = send(http, box(tmp_path)).json()
+    job = http.post(JOBS, json={"scenario": scenario(sent["reference"])})
+    assert job.status_code == 202, job.text
+    tissue = job.json()["scenario"]["tissue"]
+    assert (tissue["mesh_file"], tissue["mesh_sha256"]) == (sent["reference"], sent["sha256"])
+    refused = http.delete(f"{UPLOADS}/{sent['id']}")
+    assert (refused.status_code, job.json()["id"] in refused.json()["detail"]) == (409, True)
+    finish(service)
+    assert http.delete(f"{UPLOADS}/{sent['id']}").status_code == 204
+    assert list(service.settings.uploads.iterdir()) == []
+    told = http.post(JOBS, json={"scenario": scenario(sent["reference"])})
+    assert (told.status_code, told.json()["errors"][0]["field"]) == (422, "tissue.mesh_file")
+    assert "no upload of this service" in told.json()["detail"]
+
+
+@pytest.mark.parametrize("path", [JOBS, "/api/v1/campaigns"])
+def test_an_upload_that_goes_while_something_is_submitted_is_told(
+    both: tuple[TestClient, Service], tmp_path: Path, path: str
+) -> None:
+    http, service = both
+    sent = send(http, box(tmp_path)).json()
+    service.uploads.delete(sent["id"])
+    (service.settings.uploads / sent["id"]).write_bytes(box(tmp_path))
+    asked: dict[str, Any] = {"scenario": scenario(sent["reference"])}
+    told = http.post(path, json=asked if path == JOBS else {**asked, "grid": {"seed": [0, 1]}})
+    assert told.status_code == 422, told.text
+    (error,) = told.json()["errors"]
+    field = "tissue.mesh_file" if path == JOBS else "scenario.tissue.mesh_file"
+    assert (error["field"], error["value"]) == (field, sent["reference"])
+    assert service.store.newest() == []
+
+
+def test_a_mesh_that_does_not_fit_the_scenario_is_refused_at_submission(http: TestClient, tmp_path: Path) -> None:
+    wrong = scenario(send(http, box(tmp_path)).json()["reference"])
+    wrong["trajectory"]["entry_mm"] = [10, 20, 5]
+    told = http.post(JOBS, json={"scenario": wrong})
+    assert (told.status_code, told.json()["errors"][0]["field"]) == (422, "trajectory.entry_mm")
+
+
+@pytest.mark.parametrize(
+    "name",
+    ["../box.vtk", "/etc/box.vtk", "a/b.vtk", "a\\b.vtk", "..", ".vtk", "box\x00.vtk", "b" * 200 + ".vtk", "ü.vtk", ""],
+)
+def test_a_name_is_a_label_and_no_path(http: TestClient, tmp_path: Path, name: str) -> None:
+    answer = send(http, box(tmp_path), name=name)
+    assert answer.status_code == 422
+    assert not (tmp_path / "data" / "uploads").exists()
+
+
+@pytest.mark.parametrize(
+    ("name", "kind", "content_type"),
+    [
+        ("box.stl", "mesh", ""),
+        ("box", "mesh", ""),
+        ("model.npz", "mesh", ""),
+        ("model.pkl", "model", ""),
+        ("model.npz", "model", ""),
+        ("data.json", "dataset", ""),
+        ("data.pkl", "dataset", ""),
+        ("box.vtk", "model", ""),
+        ("box.vtk", "mesh", "application/json"),
+        ("box.vtk", "mesh", "multipart/form-data; boundary=x"),
+        ("model.json", "model", "application/x-npz"),
+    ],
+)
+def test_other_types_are_415(http: TestClient, name: str, kind: str, content_type: str) -> None:
+    headers = {"Content-Type": content_type} if content_type else {}
+    answer = send(http, b"x", name, kind, **headers)
+    assert (answer.status_code, answer.headers["content-type"]) == (415, "application/problem+json")
+
+
+def test_a_long_file_is_413_declared_or_not_and_leaves_nothing(both: tuple[TestClient, Service]) -> None:
+    http, service = both
+    assert send(http, b" " * 100_001).status_code == 413
+    chunks = http.post(UPLOADS, params={"kind": "mesh", "name": "a.vtk"}, content=iter([b" " * 60_000] * 2))
+    assert chunks.status_code == 413
+    assert list(service.settings.uploads.iterdir()) == []
+
+
+def test_content_that_is_not_what_its_suffix_says_is_refused_and_leaves_nothing(
+    both: tuple[TestClient, Service], tmp_path: Path
+) -> None:
+    http, service = both
+    told = send(http, box(tmp_path), name="box.inp")
+    assert (told.status_code, told.json()["errors"][0]["field"]) == (422, "body")
+    assert str(service.settings.data) not in told.text
+    assert list(service.settings.uploads.iterdir()) == []
+
+
+def test_what_is_in_a_model_and_in_a_data_set_is_told(http: TestClient) -> None:
+    told = send(http, dataset_bytes(rows=40), "data.npz", "dataset").json()["content"]
+    assert told["splits"] == {"sample": [72, 8], "trajectory": [40, 40]}
+    assert (told["rows"], told["insertions"], told["drawn"], told["seed"]) == (80, 2, 80, 0)
+    told = send(http, model_bytes("elm", nodes=3), "elm.json", "model").json()["content"]
+    assert (told["kind"], told["inputs"], told["outputs"], told["settings"]["nodes"]) == ("elm", 6, 3, 3)
+    assert told["provenance"]["train_rows"] == 72
+
+
+def looked(folder: Path, data: bytes, suffix: str = ".npz") -> Any:
+    path = folder / f"file{suffix}"
+    path.write_bytes(data)
+    return look_into(path, "dataset" if suffix == ".npz" else "model")
+
+
+def changed(data: bytes, **changes: Any) -> bytes:
+    return json.dumps({**json.loads(data), **changes}).encode()
+
+
+@pytest.mark.parametrize(
+    ("changes", "told"),
+    [
+        ({"format": "needlebench/other"}, "its format is"),
+        ({"version": 2}, "of version 2"),
+        ({"kind": "forest"}, "known are elm"),
+        ({"kind": "linear"}, "has settings that cannot be"),
+        ({"kind": ["elm"]}, "known are elm"),
+        ({"inputs": 7}, "has 7 inputs and 3 outputs"),
+        ({"outputs": None}, "outputs; a controller needs 6 and 3"),
+        ({"settings": {"nodes": 4}}, "has the shape"),
+        ({"settings": {"nodes": 10**12}}, "settings that cannot be"),
+        ({"settings": {"nodes": 3.0}}, "its setting nodes is '3.0', where 25 would be one"),
+        ({"settings": {"nodes": 3, "seed": "<b>"}}, "its setting seed"),
+        ({"settings": {"nodes": 3, "seed": 10**400}}, "its seed is 1000"),
+        ({"settings": {"nodes": 3, "ridge": True}}, "its setting ridge"),
+        ({"settings": None}, "settings that cannot be"),
+        ({"arrays": {}}, "must have exactly the arrays"),
+        ({"arrays": None}, "must have exactly the arrays"),
+        ({"provenance": None}, "no provenance"),
+        ({"provenance": {"much": "x" * 300_000}}, "300 kB"),
+        ({"provenance": {"deep": 1e400}}, "not JSON|not finite"),
+    ],
+)
+def test_a_model_of_another_format_or_width_is_refused(tmp_path: Path, changes: dict[str, Any], told: str) -> None:
+    with pytest.raises(BadUpload, match=told):
+        looked(tmp_path, changed(model_bytes("elm", nodes=3), **changes), ".json")
+
+
+@pytest.mark.parametrize(
+    ("changes", "told"),
+    [
+        ({"format": np.array("other/1")}, "its format is other/1"),
+        ({"tip_m": np.zeros((80, 2))}, "tip_m is float64"),
+        ({"base_step_m": np.full((80, 3), np.nan)}, "80 rows that are not finite"),
+        ({"trajectory": np.zeros((80, 2), np.int64)}, "160 whole numbers"),
+        ({"trajectory": np.full(80, 9)}, "names more insertions than the 2"),
+        ({"trajectory": np.full(80, -1)}, "80 whole numbers from 0"),
+        ({"end_point_m": np.zeros(3)}, r"finite table \(insertions, 3\)"),
+        ({"drawn": np.array([99])}, "row numbers"),
+        ({"seed": np.array(-1)}, "whole number from 0"),
+        ({"seed": np.array([1, 2])}, "."),
+        ({"provenance": np.array("[]")}, "JSON object"),
+        ({"provenance": np.array("{}")}, "scenario_template"),
+        ({"provenance": np.array('{"scenario_template": {}, "path_box_mm": 1}')}, "lacks dt_s"),
+        ({"provenance": np.array('{"a": NaN}')}, "not finite"),
+        ({"provenance": np.array("{")}, "."),
+    ],
+)
+def test_a_data_set_that_cannot_be_learned_from_is_refused(tmp_path: Path, changes: dict[str, Any], told: str) -> None:
+    with np.load(io.BytesIO(dataset_bytes(rows=40))) as file:
+        data = arrays(**{**file, **changes})
+    with pytest.raises(BadUpload, match=told):
+        looked(tmp_path, data)
+
+
+def member(data: bytes, name: str = "w.npy", method: int = zipfile.ZIP_DEFLATED) -> bytes:
+    file = io.BytesIO()
+    with zipfile.ZipFile(file, "w", method) as archive:
+        archive.writestr(name, data)
+    return file.getvalue()
+
+
+def header(shape: str, descr: str = "<f8", data: bytes = b"") -> bytes:
+    text = f"{{'descr': '{descr}', 'fortran_order': False, 'shape': {shape}, }}".ljust(117) + "\n"
+    return b"\x93NUMPY\x01\x00" + len(text).to_bytes(2, "little") + text.encode() + data
+
+
+class Boom:
+    """Would write a file when it is unpickled."""
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        return (open, ("pickled", "w"))
+
+
+@pytest.mark.parametrize(
+    ("data", "told"),
+    [
+        (pickle.dumps(Boom()), "not an .npz"),
+        (member(pickle.dumps(Boom())), "not an array"),
+        (arrays(w=np.array([Boom()], dtype=object)), "Python objects"),
+        (member(b"\x00" * 300_000_000), "unpacks to 300 MB"),
+        (member(header("(1000000000000,)")), "does not agree"),
+        (member(header("(-1,)")), "does not agree"),
+        (member(header("(" + "1," * 20_000 + ")")), "not an array"),
+        (member(header("(2,)", data=b"\x00" * 16), name="../w.npy"), "no array"),
+        (member(b"x", name="run.py"), "no array"),
+        (b"PK\x03\x04" + b"\x00" * 100, "not an .npz"),
+        (b"", "not an .npz"),
+    ],
+    ids=[
+        "pickle",
+        "pickle inside",
+        "objects",
+        "bomb",
+        "too long",
+        "negative",
+        "many axes",
+        "path",
+        "code",
+        "cut",
+        "empty",
+    ],
+)
+def test_bombs_and_pickles_are_refused_unread(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, data: bytes, told: str
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    with pytest.raises(BadUpload, match=told):
+        looked(tmp_path, data)
+    assert not (tmp_path / "pickled").exists()
+
+
+@pytest.mark.parametrize(
+    "data",
+    [b"[1]", b"{", b'{"a": NaN}', b'{"a": ' + b"[" * 60 + b"]" * 60 + b"}", b'{"a":' * 100_000, b"\xff"],
+    ids=["list", "cut", "nan", "deep", "very deep", "binary"],
+)
+def test_json_that_is_no_plain_object_is_refused(tmp_path: Path, data: bytes) -> None:
+    with pytest.raises(BadUpload):
+        looked(tmp_path, data, ".json")
+
+
+def test_a_mesh_that_expands_without_end_costs_a_refusal(tmp_path: Path) -> None:
+    """A compressed .vtu of 8 MB that would unpack to 6 GB."""
+    with idle_service(tmp_path) as (http, service):
+        answer = send(http, vtu_bomb(), name="bomb.vtu")
+        assert answer.status_code == 422, answer.text
+        assert list(service.settings.uploads.iterdir()) == []
+
+
+def vtu_bomb() -> bytes:
+    import base64
+    import zlib
+
+    once = zlib.compress(b"\x00" * 20_000_000, 9)
+    blocks = 300
+    sizes = np.array([blocks, 20_000_000, 20_000_000, *[len(once)] * blocks], np.uint32)
+    text = base64.b64encode(sizes.tobytes()).decode() + base64.b64encode(once * blocks).decode()
+    points = f'<DataArray type="Float64" NumberOfComponents="3" format="binary">{text}</DataArray>'
+    return (
+        '<?xml version="1.0"?><VTKFile type="UnstructuredGrid" version="0.1" byte_order="LittleEndian" '
+        'compressor="vtkZLibDataCompressor"><UnstructuredGrid><Piece NumberOfPoints="250000000" NumberOfCells="1">'
+        f"<Points>{points}</Points><Cells></Cells></Piece></UnstructuredGrid></VTKFile>"
+    ).encode()
+
+
+def test_what_a_dead_server_left_half_received_is_swept(tmp_path: Path) -> None:
+    left = tmp_path / "uploads" / "1-1.part.msh"
+    left.parent.mkdir()
+    left.write_bytes(b"half")
+    with idle_service(tmp_path):
+        assert not left.exists()
+
+
+def test_all_uploads_together_have_a_limit(tmp_path: Path) -> None:
+    text = [model_bytes("linear", ridge=ridge) for ridge in (0.1, 0.2)]
+    with idle_service(tmp_path / "data", limits=Limits(uploads_mb=1.5e-6 * len(text[0]))) as (http, service):
+        first = send(http, text[0], "a.json", "model")
+        full = send(http, text[1], "b.json", "model")
+        assert (first.status_code, full.status_code) == (201, 507)
+        assert full.headers["content-type"] == "application/problem+json"
+        assert send(http, text[0], "c.json", "model").status_code == 200
+        assert [path.name for path in service.settings.uploads.iterdir()] == [first.json()["id"]]
+        assert http.delete(first.headers["location"]).status_code == 204
+        assert send(http, text[1], "b.json", "model").status_code == 201
+
+
+def test_limits_are_told_in_the_estimate(tmp_path: Path) -> None:
+    with idle_service(tmp_path / "data", limits=Limits(nodes=100)) as (http, _):
+        reference = send(http, box(tmp_path)).json()["reference"]
+        told = http.post(JOBS, json={"scenario": scenario(reference)}).json()
+    (error,) = told["errors"]
+    assert error["field"] == "tissue.mesh_file"
+    assert "gives 105 nodes, at most 100 are allowed here (estimate: 105 nodes" in error["message"]
+    assert json.dumps(told)

@@ -1,0 +1,378 @@
+"""The one loop: reproducible to the bit, watched without being changed, failing by name."""
+
+from __future__ import annotations
+
+import json
+import math
+import os
+import subprocess
+import sys
+from dataclasses import fields
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import HealthCheck, given, settings
+
+from simcore.errors import Status
+from simcore.metrics import MEASURED
+from simcore.rollout import rollout as module
+from simcore.rollout.artefacts import write
+from simcore.rollout.records import Scene, StepRecord
+from simcore.rollout.rollout import UNDIGESTED, Rollout, digest, run
+from simcore.scenario.scenario import Scenario
+from tests.simcore.short_run import LINE, STEPS, replay, short
+from tests.strategies import small_runs
+from tests.verification import verify
+
+ROOT = Path(__file__).resolve().parents[3]
+
+
+@pytest.fixture(scope="module")
+def plain() -> Rollout:
+    return run(short())
+
+
+class Watcher:
+    """Keeps what it is shown, in order."""
+
+    def __init__(self, *, stop_at: int | None = None, error: BaseException | None = None) -> None:
+        self.calls: list[str] = []
+        self.records: list[StepRecord] = []
+        self.stop_at, self.error = stop_at, error
+        self.scene: Scene | None = None
+        self.rollout: Rollout | None = None
+
+    def begin(self, scene: Scene, first: StepRecord) -> None:
+        self.scene = scene
+        self.records.append(first)
+        self.calls.append("begin")
+
+    def step(self, record: StepRecord) -> None:
+        self.records.append(record)
+        self.calls.append("step")
+        if record.step == self.stop_at and self.error:
+            raise self.error
+
+    def end(self, rollout: Rollout) -> None:
+        self.rollout = rollout
+        self.calls.append("end")
+
+
+def state_of(rollout: Rollout) -> dict[str, np.ndarray]:
+    return {name: array for name, array in rollout.series.items() if name not in UNDIGESTED}
+
+
+# ---- reproducible to the bit
+
+
+def verify_same(text: str, digests: list[str], expected: str) -> None:
+    """Every digest is the expected one."""
+    different = sum(found != expected for found in digests)
+    source = "definition: one scenario, one result"
+    verify(
+        "reproducibility", f"digests that differ: {text}", expected=0, measured=different, tolerance=0, source=source
+    )
+
+
+def test_a_run_completes_and_succeeds(plain: Rollout) -> None:
+    assert plain.status is Status.COMPLETED
+    assert plain.message == ""
+    assert plain.success
+    assert plain.metrics["steps"] == plain.metrics["steps_completed"] == short().steps == STEPS
+
+
+def test_twice_is_the_same_to_the_bit(plain: Rollout) -> None:
+    again = run(short())
+    verify_same("a second run", [again.digest], plain.digest)
+    for name, array in state_of(plain).items():
+        np.testing.assert_array_equal(again.series[name], array, err_msg=name)
+
+
+@pytest.mark.parametrize(
+    "recording", [{"enabled": False}, {"every_steps": 1}, {"every_steps": 7}, {"every_steps": 10_000}]
+)
+def test_recording_does_not_change_the_digest(plain: Rollout, recording: dict[str, Any]) -> None:
+    other = run(short(recording=recording), Watcher())
+    verify_same(f"recording {json.dumps(recording)}", [other.digest], plain.digest)
+    np.testing.assert_array_equal(other.series["tissue_m"][-1], plain.series["tissue_m"][-1])
+
+
+def test_other_runs_in_between_do_not_matter(plain: Rollout) -> None:
+    run(short(seed=99, tissue={"young_kpa": 2.0}))
+    verify_same("after runs of another seed and stiffness", [run(short()).digest], plain.digest)
+
+
+def test_a_round_trip_through_json_does_not_matter(plain: Rollout) -> None:
+    assert run(Scenario.load(json.dumps(short().resolved()))).digest == plain.digest
+
+
+def test_the_name_is_not_in_the_digest(plain: Rollout) -> None:
+    assert run(short(name="other")).digest == plain.digest
+
+
+def test_the_clock_is_not_in_the_digest(plain: Rollout) -> None:
+    ticks = iter(range(100_000))
+    slow = run(short(), clock=lambda: float(next(ticks)))
+    assert slow.digest == plain.digest
+    assert slow.timing["plant"]["median_ms"] == 1000.0
+    assert slow.timing["simulated_s"] == pytest.approx(STEPS * 0.1)
+
+
+def test_every_array_is_in_the_digest(plain: Rollout) -> None:
+    for name, array in plain.series.items():
+        changed = {**plain.series, name: array.copy()}
+        last = changed[name].reshape(-1)
+        last[-1] = not last[-1] if array.dtype == bool else last[-1] + 1
+        assert (digest(changed) == plain.digest) == (name in UNDIGESTED and name != "tissue_m"), name
+    assert digest({**plain.series, "extra": np.zeros(1)}) != plain.digest
+
+
+PROGRAM = (
+    "import json, sys; from simcore.scenario.scenario import Scenario; from simcore.rollout.rollout import run\n"
+    "print(run(Scenario.load(sys.stdin.read())).digest)"
+)
+
+
+def digest_elsewhere(scenario: Scenario, **environment: str) -> str:
+    done = subprocess.run(
+        [sys.executable, "-W", "error", "-c", PROGRAM],
+        input=json.dumps(scenario.resolved()),
+        env={**os.environ, **environment},
+        cwd=ROOT,
+        capture_output=True,
+        text=True,
+        check=True,
+    )
+    return done.stdout.strip()
+
+
+def test_another_process_gives_the_same_digest(plain: Rollout) -> None:
+    threads = {"OMP_NUM_THREADS": "2", "OPENBLAS_NUM_THREADS": "2", "PYTHONHASHSEED": "7"}
+    verify_same("another process, two threads asked for", [digest_elsewhere(short(), **threads)], plain.digest)
+
+
+@pytest.mark.slow
+def test_a_cold_cache_gives_the_same_digest(plain: Rollout, tmp_path: Path) -> None:
+    cold = digest_elsewhere(short(), NUMBA_CACHE_DIR=str(tmp_path))
+    assert any(tmp_path.rglob("*.nbc"))
+    warm = digest_elsewhere(short(), NUMBA_CACHE_DIR=str(tmp_path))
+    verify_same("cold kernel cache, then warm", [cold, warm], plain.digest)
+
+
+# ---- the seed
+
+
+def test_the_seed_changes_the_noise_and_the_digest(plain: Rollout) -> None:
+    other = run(short(seed=12))
+    assert other.digest != plain.digest
+    np.testing.assert_array_equal(other.series["target_m"], plain.series["target_m"])
+    assert not np.array_equal(other.series["target_noisy_m"], plain.series["target_noisy_m"])
+    assert not np.array_equal(other.series["tip_m"], plain.series["tip_m"])
+
+
+def test_without_noise_the_seed_changes_nothing() -> None:
+    one, two = run(short(noise_mm=0.0, seed=1)), run(short(noise_mm=0.0, seed=2**53 - 1))
+    assert one.digest == two.digest
+    np.testing.assert_array_equal(one.series["target_noisy_m"], one.series["target_m"])
+
+
+def test_noise_is_bounded_and_only_on_what_the_controller_sees(plain: Rollout) -> None:
+    noise = plain.series["target_noisy_m"] - plain.series["target_m"]
+    assert 0.2e-3 < np.abs(noise).max() <= 0.25e-3 * (1 + 1e-9)
+
+
+# ---- the observer
+
+
+def test_the_observer_sees_the_rows_of_the_series(plain: Rollout) -> None:
+    watcher = Watcher()
+    found = run(short(), watcher)
+    assert watcher.calls == ["begin", *["step"] * STEPS, "end"]
+    assert watcher.rollout is found
+    assert [record.step for record in watcher.records] == list(range(STEPS + 1))
+    for field in fields(StepRecord):
+        if field.name in found.series and field.name not in UNDIGESTED:
+            seen = np.array([getattr(record, field.name) for record in watcher.records])
+            np.testing.assert_array_equal(seen, found.series[field.name], err_msg=field.name)
+    frames = [record.step for record in watcher.records if record.tissue_m is not None]
+    assert frames == list(found.series["tissue_frame_step"]) == [0, 10, 20, 30, 40, 41]
+
+
+def test_the_observer_sees_the_scene_first() -> None:
+    watcher = Watcher()
+    found = run(short(), watcher)
+    scene = watcher.scene
+    assert scene is not None
+    assert scene.scenario == short()
+    assert scene.steps == STEPS
+    np.testing.assert_array_equal(scene.tissue_rest_m, found.series["tissue_rest_m"])
+    np.testing.assert_array_equal(scene.tissue_tets, found.series["tissue_tets"])
+    np.testing.assert_allclose(scene.entry_m, [0.012, 0.02, 0.0])
+    np.testing.assert_allclose(scene.path_m[[0, -1]], [[0.012, 0.02, 0.0], [0.012, 0.022, 0.04]], atol=1e-12)
+    assert scene.needle_radius_m == pytest.approx(0.635e-3)
+
+
+def test_records_own_their_arrays() -> None:
+    watcher = Watcher()
+    run(short(), watcher)
+    tips = np.array([record.tip_m for record in watcher.records])
+    shafts = np.array([record.shaft_m for record in watcher.records])
+    np.testing.assert_array_equal(shafts[:, -1], tips)
+    np.testing.assert_allclose(shafts[:, 0], [record.base_position_m for record in watcher.records], atol=1e-15)
+    assert all(record.points_m.shape == record.point_forces_n.shape for record in watcher.records)
+    assert watcher.records[0].points_m.shape[0] <= 1
+    assert watcher.records[-1].points_m.shape[0] >= 3
+
+
+class Stopped(Exception):
+    """What a cancelling observer raises."""
+
+
+@pytest.mark.parametrize("step", [1, 17, STEPS])
+@pytest.mark.parametrize("error", [Stopped(), KeyboardInterrupt(), SystemExit(3)])
+def test_an_observer_that_raises_stops_the_run(plain: Rollout, step: int, error: BaseException) -> None:
+    watcher = Watcher(stop_at=step, error=error)
+    with pytest.raises(type(error)):
+        run(short(), watcher)
+    assert watcher.calls == ["begin", *["step"] * step]
+    np.testing.assert_array_equal(watcher.records[-1].tip_m, plain.series["tip_m"][step])
+
+
+def test_a_run_after_a_stopped_one_is_the_same(plain: Rollout) -> None:
+    with pytest.raises(Stopped):
+        run(short(), Watcher(stop_at=20, error=Stopped()))
+    assert run(short()).digest == plain.digest
+
+
+def test_the_observers_time_is_recording_time() -> None:
+    now = [0.0]
+
+    class Slow(Watcher):
+        def step(self, record: StepRecord) -> None:
+            now[0] += 0.25
+
+    found = run(short(), Slow(), clock=lambda: now[0])
+    assert found.timing["recording"]["median_ms"] == found.timing["recording"]["max_ms"] == pytest.approx(250.0)
+    assert found.timing["plant"]["max_ms"] == found.timing["command"]["max_ms"] == 0.0
+    assert found.timing["loop_wall_s"] == pytest.approx(0.25 * STEPS)
+    assert found.timing["realtime_factor"] == pytest.approx(0.1 / 0.25)
+
+
+# ---- failures have names and keep the last good state
+
+
+def test_a_step_that_does_not_converge_ends_the_run_by_name() -> None:
+    watcher = Watcher()
+    found = run(short(solver={"max_iterations": 1}), watcher)
+    done = len(found.series["t_s"]) - 1
+    assert found.status is Status.NOT_CONVERGED
+    assert done < STEPS
+    assert f"step {done + 1} of {STEPS}, depth" in found.message
+    assert (found.metrics["stable"], found.metrics["success"]) == (False, False)
+    assert watcher.calls == ["begin", *["step"] * done, "end"]
+    assert found.series["tissue_frame_step"][-1] == done
+    assert all(np.isfinite(array).all() for array in found.series.values())
+    assert found.series["residual_n"].max() <= 1e-5
+    json.dumps(found.result(), allow_nan=False)
+
+
+def test_the_last_good_row_is_that_of_an_undisturbed_run() -> None:
+    """Sane poses, then one that no needle survives: the rows before are those of the sane poses alone."""
+    sane = [[12.0, 20.0, -80.0 + 0.5 * (i + 1), 1.0, 0.0, 0.0, 0.0] for i in range(6)]
+    broken = [*sane, [5000.0, 20.0, -80.0, 1.0, 0.0, 0.0, 0.0], *sane]
+    with np.errstate(over="ignore", invalid="ignore"):
+        bad = run(short(controller=replay(broken), trajectory=LINE))
+    good = run(short(controller=replay(sane), trajectory=LINE))
+    assert bad.status is not Status.COMPLETED
+    assert bad.message.startswith("step 7 of 13, depth")
+    assert good.status is Status.COMPLETED
+    for name, array in state_of(good).items():
+        np.testing.assert_array_equal(bad.series[name], array, err_msg=name)
+    np.testing.assert_array_equal(bad.series["tissue_m"][-1], good.series["tissue_m"][-1])
+
+
+def test_a_run_whose_first_step_fails_has_one_row() -> None:
+    deep = replay([[12.0, 20.0, -40.0, 1.0, 0.0, 0.0, 0.0]])
+    found = run(short(controller=deep, trajectory=LINE, solver={"max_iterations": 1}))
+    assert found.status is not Status.COMPLETED
+    assert len(found.series["t_s"]) == len(found.series["tissue_m"]) == 1
+    result = json.loads(json.dumps(found.result(), allow_nan=False))
+    assert result["metrics"]["rmse_mm"] is None
+    assert result["timing"]["plant"]["median_ms"] is None
+    assert result["solver"]["iterations_max"] == 0
+
+
+# ---- the result
+
+
+def test_the_result_has_every_key_and_is_strict_json(plain: Rollout, tmp_path: Path) -> None:
+    write(plain, tmp_path)
+
+    def refuse(word: str) -> Any:
+        raise AssertionError(f"{word} in result.json")
+
+    result = json.loads((tmp_path / "result.json").read_text(), parse_constant=refuse)
+    assert {"status", "metrics", "timing", "solver", "digest", "provenance"} <= result.keys()
+    assert result["status"] == "completed"
+    assert {"stable", "success", *MEASURED} <= result["metrics"].keys()
+    for part in ("plant", "jacobian", "command", "recording"):
+        assert result["timing"][part].keys() == {"median_ms", "p95_ms", "p99_ms", "max_ms"}
+        values = [result["timing"][part][name] for name in ("median_ms", "p95_ms", "p99_ms", "max_ms")]
+        assert values == sorted(values)
+    assert result["timing"]["realtime_factor"] > 0.0
+    assert result["solver"].keys() == {"iterations_mean", "iterations_max", "residual_max_n", "violation_max_m"}
+    assert result["digest"] == plain.digest
+    assert len(result["digest"]) == 64
+    assert {"scenario", "seed", "commit", "versions", "cpu", "threads"} <= result["provenance"].keys()
+    assert Scenario.load(result["provenance"]["scenario"]) == short()
+    with np.load(tmp_path / "series.npz", allow_pickle=False) as series:
+        assert digest(dict(series)) == plain.digest
+
+
+def test_metrics_are_those_of_the_series(plain: Rollout) -> None:
+    errors = np.linalg.norm(plain.series["tip_m"][1:] - plain.series["target_m"][:-1], axis=1) * 1e3
+    assert plain.metrics["rmse_mm"] == pytest.approx(math.sqrt((errors**2).mean()))
+    assert plain.metrics["limited_fraction"] == pytest.approx(plain.series["limited"][1:].mean())
+
+
+def test_warnings_of_the_scenario_are_in_the_result(plain: Rollout) -> None:
+    assert plain.result()["warnings"] == []
+    assert "interaction.friction" in run(short(interaction={"friction": 0.5})).result()["warnings"][0]
+
+
+def test_the_loop_has_one_thread(monkeypatch: pytest.MonkeyPatch) -> None:
+    from threadpoolctl import threadpool_info
+
+    seen: list[int] = []
+
+    class Counting(Watcher):
+        def step(self, record: StepRecord) -> None:
+            seen.extend(pool["num_threads"] for pool in threadpool_info() if pool["user_api"] == "blas")
+
+    monkeypatch.setattr(module, "compile_kernels", lambda: None, raising=False)
+    run(short(), Counting())
+    assert set(seen) == {1}
+
+
+# ---- any small scenario
+
+
+@settings(max_examples=50, deadline=None, suppress_health_check=list(HealthCheck))
+@given(small_runs())
+def test_any_small_run_ends_by_name_with_finite_rows_and_a_stable_digest(data: dict[str, Any]) -> None:
+    scenario = Scenario.load(data)
+    with np.errstate(over="ignore", invalid="ignore"):
+        found, again = run(scenario), run(scenario)
+    assert found.status in Status
+    assert (found.message == "") == (found.status is Status.COMPLETED)
+    done = len(found.series["t_s"]) - 1
+    assert done == scenario.steps if found.status is Status.COMPLETED else done < scenario.steps
+    for name, array in found.series.items():
+        assert np.isfinite(array).all(), name
+    assert found.series["min_det_f"].min() > 0.1
+    assert found.series["violation_m"].max() <= scenario.solver.violation_tolerance_mm * 1e-3
+    assert found.series["residual_n"].max() <= scenario.solver.force_tolerance_n
+    assert found.digest == again.digest
+    json.dumps(found.result(), allow_nan=False)

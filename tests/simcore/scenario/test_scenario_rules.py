@@ -1,0 +1,149 @@
+"""Rules between the fields of a scenario: what breaks one is refused with field, value and limit."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import pytest
+
+from simcore.scenario.scenario import Scenario
+from tests.simcore.scenario.scenario_fields import STRAIGHT_IN, Json, refusal, refusal_or_none, refused, replay
+
+
+def test_the_inner_diameter_is_below_the_outer_one() -> None:
+    for inner in (1.27, 1.3, 5.0):
+        refused({"needle": {"inner_diameter_mm": inner}}, "needle.inner_diameter_mm", "needle.outer_diameter_mm = 1.27")
+    assert Scenario.load({"needle": {"inner_diameter_mm": 0.0}}).needle.inner_diameter_mm == 0.0
+
+
+def test_the_needle_is_longer_than_path_and_stand_off() -> None:
+    refused({"needle": {"length_mm": 141.9}}, "needle.length_mm", "at least 142", "path 122", "stand-off 20")
+    assert Scenario.load({"needle": {"length_mm": 142.0}}).needle.length_mm == 142.0
+    wavy = {"kind": "sine", "amplitude_mm": 10.0, "periods": 10.0}
+    refused({"trajectory": wavy, "needle": {"length_mm": 180.0}}, "needle.length_mm", "at least 4")  # by arc length
+
+
+def test_the_spacing_is_not_below_the_element_size() -> None:
+    refused({"interaction": {"spacing_mm": 5.9}}, "interaction.spacing_mm", "tissue.element_size_mm = 6", "null")
+    resolved = Scenario().resolved()
+    resolved["tissue"]["element_size_mm"] = 10.0
+    refused(resolved, "interaction.spacing_mm", "at least tissue.element_size_mm = 10")
+
+
+@pytest.mark.parametrize(
+    "entry",
+    [[0, 31, 0], [36, 31, 0], [-1, 31, 0], [18, 0, 0], [18, 62, 0], [18, 31, 1e-9], [18, 31, -1], [18, 31, 122]],
+)
+def test_the_entry_lies_on_the_entry_face(entry: list[float]) -> None:
+    refused({"trajectory": {"entry_mm": entry}}, "trajectory.entry_mm", "z = 0", "0 < x < 36", "0 < y < 62")
+
+
+@pytest.mark.parametrize(
+    "target",
+    [
+        [18, 31, 0],
+        [18, 31, -5],
+        [18, 31, 122.1],
+        [0, 31, 122],
+        [36, 31, 122],
+        [18, 62, 50],
+        [18, 31, 1e-200],
+        [18, 31, 0.09],
+    ],
+)
+def test_the_target_lies_in_the_block_below_the_entry(target: list[float]) -> None:
+    refused({"trajectory": {"target_mm": target}}, "trajectory.target_mm", "0 < x < 36", "0.1 <= z <= 122")
+
+
+@pytest.mark.parametrize("direction", [[0, 0, 1], [0, 0, -7], [0, 0, 0], [1e-12, 0, 1], [0, 1e-320, 0]])
+def test_a_sine_direction_across_the_path_is_needed(direction: list[float]) -> None:
+    refused({"trajectory": {"kind": "sine", "direction": direction}}, "trajectory.direction", "across the path")
+
+
+@pytest.mark.parametrize("direction", [[1e-6, 0, 0], [1000, 0, 0], [1, 0, 1000], [1e-3, 0, 1]])
+def test_a_sine_direction_has_any_length(direction: list[float]) -> None:
+    path = Scenario.load({"trajectory": {"kind": "sine", "direction": direction}}).path()
+    assert path.overlay == pytest.approx([1.0, 0.0, 0.0], abs=1e-9)
+
+
+@pytest.mark.parametrize(
+    "sine",
+    [
+        {"amplitude_mm": 18.1},
+        {"amplitude_mm": 3.0, "entry_mm": [2, 31, 0], "target_mm": [2, 31, 122]},
+        {"amplitude_mm": 10.0, "direction": [0, 1, 0], "entry_mm": [18, 55, 0], "target_mm": [18, 55, 122]},
+        {"amplitude_mm": 15.0, "periods": 10.0, "target_mm": [30, 31, 20]},  # through the entry face
+        {"amplitude_mm": 15.0, "periods": 0.5, "target_mm": [30, 31, 20], "direction": [0, 0, 1]},  # through the back
+    ],
+)
+def test_a_path_stays_inside_the_block(sine: Json) -> None:
+    depth = sine.get("target_mm", [18, 31, 122])[2]
+    data = {
+        "trajectory": {"kind": "sine", **sine},
+        "tissue": {"size_mm": [36, 62, depth]},
+        "needle": {"length_mm": 1000},
+    }
+    refused(data, "trajectory.amplitude_mm", "inside the block")
+    assert refusal_or_none({**data, "trajectory": {**data["trajectory"], "amplitude_mm": 0.1}}) is None
+
+
+def test_too_many_cells_and_steps_are_refused() -> None:
+    refused(
+        {"tissue": {"size_mm": [500, 500, 500], "element_size_mm": 1.0}},
+        "tissue.element_size_mm",
+        "125000000",
+        "200000",
+    )
+    slow = {"trajectory": {"speed_mm_s": 0.1}, "dt_s": 1e-4}
+    refused(slow, "dt_s", "12200000 steps", "1000000")
+
+
+@pytest.mark.parametrize(
+    ("pose", "word"),
+    [
+        ([0, 0, 0, 1, 0, 0, 0.1], "1.00499"),
+        ([0, 0, 0, 0, 0, 0, 0], "norm is 0"),
+        ([0, 0, 0, 0.99, 0, 0, 0], "norm is 0.99"),
+        ([0, 0, 0, 1e300, 1e300, 0, 0], "unit quaternion"),
+        ([1e5, 0, 0, 1, 0, 0, 0], "+-10000 mm"),
+        ([0, 0, -10000.1, 1, 0, 0, 0], "+-10000 mm"),
+    ],
+)
+def test_a_bad_pose_is_refused(pose: list[float], word: str) -> None:
+    refused(replay(STRAIGHT_IN, pose), "controller.poses[1]", word)
+
+
+@pytest.mark.parametrize(
+    ("poses", "field"),
+    [
+        ([], "controller.poses"),
+        ("x", "controller.poses"),
+        ({}, "controller.poses"),
+        ([1.0], "controller.poses[0]"),
+        ([STRAIGHT_IN, [*STRAIGHT_IN, 0.0]], "controller.poses[1]"),
+        ([[0, 0, 0, math.nan, 0, 0, 0]], "controller.poses[0][3]"),
+        ([[0, 0, 0, 1, 0, 0, "0"]], "controller.poses[0][6]"),
+    ],
+)
+def test_a_bad_list_of_poses_is_refused(poses: Any, field: str) -> None:
+    refused({"controller": {"kind": "replay", "poses": poses}}, field)
+
+
+def test_missing_poses_and_short_poses_are_named() -> None:
+    (problem,) = refusal({"controller": {"kind": "replay"}}).problems
+    assert (problem.field, problem.value) == ("controller.poses", None)
+    assert problem.message.startswith("is missing (allowed: 1 to 1000000 poses [x_mm,")
+    (problem,) = refusal(replay([0, 0, 0, 1, 0, 0])).problems
+    assert problem.field == "controller.poses[0][6]"
+
+
+def test_a_quaternion_within_a_thousandth_of_unit_is_taken() -> None:
+    assert Scenario.load(replay([0, 0, 0, 0.9995, 0, 0, 0])).steps == 1
+
+
+def test_several_problems_are_all_named() -> None:
+    error = refusal({"seed": -1, "tissue": {"poisson": 0.5, "elastic": 1}, "controller": {"gain": 3, "kind": "ifem"}})
+    assert sorted(p.field for p in error.problems) == ["controller.gain", "seed", "tissue.elastic", "tissue.poisson"]
+    between = {"needle": {"inner_diameter_mm": 2.0}, "interaction": {"spacing_mm": 5.0}, "dt_s": 0.1}
+    assert {p.field for p in refusal(between).problems} == {"needle.inner_diameter_mm", "interaction.spacing_mm"}
