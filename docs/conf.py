@@ -27,7 +27,8 @@ myst_heading_anchors = 3
 suppress_warnings = ["myst.header"]  # included reports begin with their own title
 
 autodoc_member_order = "bysource"
-autodoc_typehints = "description"
+autodoc_typehints_format = "short"
+python_use_unqualified_type_names = True
 
 html_theme = "pydata_sphinx_theme"  # what NumPy, SciPy and pandas use: readers of the field know their way around
 html_title = f"{project} {version}"

@@ -17,6 +17,7 @@ PARTS: dict[str, Callable[..., str]] = {
     "series": model.series_table,
     "statuses": model.status_table,
     "summary": results.summary,
+    "verdicts": results.verdicts,
     "paper scores": results.paper_scores,
     "paper claims": results.paper_claims,
     "paper directions": results.paper_directions,

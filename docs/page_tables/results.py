@@ -5,6 +5,7 @@ from __future__ import annotations
 import csv
 import json
 import statistics
+from collections import Counter
 from collections.abc import Callable, Sequence
 from functools import cache
 from pathlib import Path
@@ -116,6 +117,14 @@ def paper_scores() -> str:
         "push N",
     )
     return table(head, rows, numbers=range(2, 11))
+
+
+def verdicts() -> str:
+    """How many claims of the paper ended how, in one sentence."""
+    claims = _json("paper/report.json")["claims"]
+    counts = Counter("undecided" if claim["key"] == "cur" else claim["verdict"] for claim in claims)
+    parts = [f"{counts[verdict]} {verdict}" for verdict in ("reproduced", "contradicted", "undecided", "not testable")]
+    return f"Of the {len(claims)} claims of the paper that were checked: {', '.join(parts[:-1])} and {parts[-1]}."
 
 
 def paper_claims() -> str:

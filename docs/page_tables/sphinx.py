@@ -23,6 +23,7 @@ PAGES = {  # files outside docs/ that are pages of the site
     "ARCHITECTURE.md": "architecture.md",
     "CONTRIBUTING.md": "contributing.md",
     "CHANGELOG.md": "changelog.md",
+    "SECURITY.md": "security.md",
     "simcore/README.md": "equations.md",
     "benchmarks/results/verification.md": "verification.md",
 }

@@ -12,6 +12,7 @@ from tests.docs.sources import DOCS, ROOT
 FENCE = re.compile(r"^```(\w*)$")
 DIRECTIVE = re.compile(r"^(`{3,}|:{3,})\{")
 NOT_RUN = re.compile(r"^<!-- not run: (.+) -->$")
+AT_THE_ROOT = ("README.md", "ARCHITECTURE.md", "CONTRIBUTING.md", "SECURITY.md", "CHANGELOG.md")
 LANGUAGES = ("shell", "python", "json", "toml", "text")
 
 
@@ -42,7 +43,7 @@ class Snippet:
 
 def pages() -> list[Path]:
     """The README, the pages at the root that the site includes, and those of docs/."""
-    return [*(ROOT / name for name in ("README.md", "CONTRIBUTING.md", "ARCHITECTURE.md")), *sorted(DOCS.glob("*.md"))]
+    return [*(ROOT / name for name in AT_THE_ROOT), *sorted(DOCS.glob("*.md"))]
 
 
 def snippets(page: Path) -> list[Snippet]:
