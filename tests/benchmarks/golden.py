@@ -40,11 +40,16 @@ def measure(case: str) -> dict[str, Any]:
     return {"status": str(rollout.status), "metrics": {name: rollout.metrics[name] for name in KEPT}}
 
 
+def origin() -> dict[str, Any]:
+    """Commit, versions and machine of what is measured here."""
+    found = provenance(scenario_of("line").resolved())
+    del found["scenario"]
+    return found
+
+
 def main() -> None:
     """Measure all cases and write the file."""
-    origin = provenance(scenario_of("line").resolved())
-    del origin["scenario"]
-    content = {"schema": SCHEMA, "provenance": origin, "cases": {case: measure(case) for case in changes_of_cases()}}
+    content = {"schema": SCHEMA, "provenance": origin(), "cases": {case: measure(case) for case in changes_of_cases()}}
     FILE.write_text(json.dumps(content, indent=1) + "\n")
 
 

@@ -8,17 +8,14 @@ import re
 import shlex
 import shutil
 import signal
-import socket
 import subprocess
 import sys
-import time
 import tomllib
 from pathlib import Path
 
 import click
 import pytest
 
-from needlebench import Client
 from service.cli.main import main
 from simcore.scenario.scenario import Scenario
 from tests.docs.snippets import LANGUAGES, Snippet, pages, snippets
@@ -28,6 +25,7 @@ ALL = [snippet for page in pages() for snippet in snippets(page)]
 MOST_NOT_RUN = 12  # of fifty
 PATIENCE_S = 600.0
 HERE = "127.0.0.1:8321"  # as the pages write it; a test has a port of its own
+SERVES = re.compile(r"serves http://([\w.]+:\d+)")
 NAMED = re.compile(r"(?:^|[|;(]\s*|&&\s*)needlebench\s+([^|;>)&#]*)")
 
 
@@ -51,7 +49,7 @@ def test_a_failing_block_fails(tmp_path: Path) -> None:
     """Of both languages: otherwise nothing below says anything."""
     page = tmp_path / "page.md"
     for language, text in (("shell", "false"), ("shell", "false | cat"), ("python", "raise SystemExit(3)")):
-        with pytest.raises(subprocess.CalledProcessError):
+        with pytest.raises(AssertionError, match=r"page\.md:1 fails"):
             run_block(Snippet(page, 1, language, text, None), tmp_path, environment(tmp_path), HERE)
 
 
@@ -145,14 +143,12 @@ def environment(tmp_path: Path) -> dict[str, str]:
 
 
 def run_block(block: Snippet, folder: Path, variables: dict[str, str], address: str) -> None:
-    """Raises CalledProcessError, with what it printed, when the block fails."""
+    """Run it as a reader would; a failure shows the block and what it printed."""
     text = block.text.replace(HERE, address)
     shell = ["bash", "-eu", "-o", "pipefail", "-c", text]
     command = shell if block.language == "shell" else [sys.executable, "-c", text]
     done = subprocess.run(command, cwd=folder, env=variables, capture_output=True, text=True, timeout=PATIENCE_S)
-    if done.returncode:
-        print(f"{block.page.name}:{block.line}\n{text}\n{done.stdout}\n{done.stderr}")
-    done.check_returncode()
+    assert done.returncode == 0, f"{block.page.name}:{block.line} fails\n{text}\n{done.stdout}\n{done.stderr}"
 
 
 class Services:
@@ -170,34 +166,20 @@ class Services:
             process.communicate(timeout=60)
 
     def start(self, folder: Path, variables: dict[str, str]) -> str:
-        """Its address, once it is ready."""
-        address = f"127.0.0.1:{free_port()}"
+        """Its address, as it prints it once it listens; any free port, so that tests can run side by side."""
         process = subprocess.Popen(
-            ["needlebench", "serve", "--port", address.partition(":")[2]],
+            ["needlebench", "serve", "--port", "0"],
             cwd=folder,
             env=variables,
-            stdout=subprocess.DEVNULL,
-            stderr=subprocess.PIPE,
+            stdout=subprocess.PIPE,
+            stderr=subprocess.STDOUT,
             text=True,
         )
         self._running.append(process)
-        with Client(f"http://{address}") as client:
-            end = time.monotonic() + 120.0
-            while not answers(client):
-                assert process.poll() is None, process.communicate()[1]
-                assert time.monotonic() < end, "the service did not start"
-                time.sleep(0.1)
-        return address
-
-
-def answers(client: Client) -> bool:
-    try:
-        return bool(client.ready()["status"])
-    except Exception:
-        return False
-
-
-def free_port() -> int:
-    with socket.socket() as probe:
-        probe.bind(("127.0.0.1", 0))
-        return int(probe.getsockname()[1])
+        assert process.stdout is not None
+        printed = []
+        for line in process.stdout:
+            printed.append(line)
+            if found := SERVES.search(line):
+                return found[1]
+        raise AssertionError(f"the service did not start: {''.join(printed)}")
