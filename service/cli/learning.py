@@ -23,6 +23,7 @@ if TYPE_CHECKING:
     from simcore.rollout.dataset import Dataset
 
 FILE = click.Path(dir_okay=False, path_type=Path)
+EXAMPLES = {"controller": "controller.txt", "mesh": "mesh.msh"}
 
 
 def free_to_write(path: Path, *, force: bool) -> None:
@@ -228,12 +229,16 @@ def layers_of(text: str) -> list[int]:
 
 
 @click.command()
-@click.argument("name", type=click.Choice(["controller"]))
+@click.argument("name", type=click.Choice(list(EXAMPLES)))
 def example(name: str) -> None:
-    """Print an example that runs as it is, to begin with.
+    """Print an example that works as it is, as a starting point.
 
     \b
     A controller of your own: needlebench example controller > mine.py
                               python mine.py
+    A mesh of your own:       needlebench example mesh > barrel.msh
+
+    The mesh is a barrel with a domed top, in millimetres, with the groups top, side, base and tissue. The needle
+    enters at the top, the origin, and goes down along +z.
     """
-    click.echo((Path(__file__).parent / "examples" / f"{name}.txt").read_text(encoding="utf-8"), nl=False)
+    click.echo((Path(__file__).parent / "examples" / EXAMPLES[name]).read_text(encoding="utf-8"), nl=False)

@@ -22,6 +22,7 @@ from service.cli.main import main
 from service.local import dataset_runs as local_many
 from service.local.dataset_runs import Kept
 from simcore.learning import parse_model
+from simcore.mesh.reader import load_mesh
 from simcore.rollout.dataset import VARIABLES, load_dataset
 
 COARSE = ("--set", "tissue.element_size_mm=12", "--set", "dt_s=0.05")
@@ -223,3 +224,34 @@ def test_the_example_runs_as_it_is_and_beats_the_rigid_needle(tmp_path: Path) ->
     assert rigid.startswith("rigid completed")
     assert plugin.startswith("plugin completed")
     assert float(plugin.split()[-2]) < float(rigid.split()[-2])
+
+
+def test_the_example_mesh_is_small_and_has_named_groups(tmp_path: Path) -> None:
+    """What is printed is a mesh that the reader takes, with every group that the help names."""
+    text = invoke("example", "mesh").output
+    assert len(text) < 100_000
+    (tmp_path / "barrel.msh").write_text(text)
+    names = ("top", "side", "base", "tissue")
+    mesh = load_mesh(str(tmp_path / "barrel.msh"), unit_mm=1.0, names=names, sha256=None)
+    assert len(mesh.nodes_m) == 488
+    z = mesh.nodes_m[:, 2]
+    np.testing.assert_allclose(z[mesh.sets["base"]], 0.06)
+    assert z[mesh.sets["top"]].min() == 0.0
+    assert len(mesh.sets["tissue"]) == len(mesh.nodes_m)
+    assert "needlebench example mesh" in str(cli_learn.example.help)
+
+
+@pytest.mark.slow
+def test_a_needle_is_steered_in_the_example_mesh(tmp_path: Path) -> None:
+    from simcore.rollout.rollout import run
+    from simcore.scenario.scenario import Scenario
+
+    (tmp_path / "barrel.msh").write_text(invoke("example", "mesh").output)
+    tissue = {"mesh_file": str(tmp_path / "barrel.msh"), "fixed_sets": ["base"]}
+    path = {"kind": "line", "entry_mm": [0, 0, 0], "target_mm": [4, 3, 45]}
+    steered, pushed = (
+        run(Scenario.load({"dt_s": 0.02, "tissue": tissue, "trajectory": path, "controller": {"kind": kind}}))
+        for kind in ("ifem", "open_loop")
+    )
+    assert steered.success
+    assert steered.metrics["rmse_mm"] < 0.05 * pushed.metrics["rmse_mm"]
