@@ -11,14 +11,11 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from simcore.arrays import Floats, Ints
 from simcore.compiled import kernel, resolved_by_type
 from simcore.mesh.mesh import Mesh, locate
 from simcore.mesh.tet_search import TetSearch, locate_in_tets, nearest_triangle, tet_around
-
-Vector = NDArray[np.float64]
-Indices = NDArray[np.int64]
 
 GRID = 4  # quadrature cells along a radius
 
@@ -30,8 +27,8 @@ class Ball:
     capacity: the largest number of nodes that its weights can touch in the mesh it was made for.
     """
 
-    offsets_m: Vector
-    kernel: Vector
+    offsets_m: Floats
+    kernel: Floats
     cell_m: float
     capacity: int
 
@@ -51,7 +48,7 @@ class Ball:
 
 
 @kernel
-def inside_fraction(point: Vector, size_m: Vector, cell: float) -> float:
+def inside_fraction(point: Floats, size_m: Floats, cell: float) -> float:
     """Share of a quadrature cell that lies in the box, so that weights move continuously past the surface."""
     share = 1.0
     for a in range(3):
@@ -62,15 +59,15 @@ def inside_fraction(point: Vector, size_m: Vector, cell: float) -> float:
 
 @kernel
 def ball_weights(
-    centre: Vector,
-    offsets: Vector,
-    kernel_weights: Vector,
+    centre: Floats,
+    offsets: Floats,
+    kernel_weights: Floats,
     cell: float,
-    size_m: Vector,
-    cells: Indices,
-    slot: Indices,
-    nodes: Indices,
-    weights: Vector,
+    size_m: Floats,
+    cells: Ints,
+    slot: Ints,
+    nodes: Ints,
+    weights: Floats,
 ) -> int:
     """Weights of the ball at `centre` (3,) m, rest space; returns their number k and writes nodes[:k], weights[:k].
 
@@ -105,14 +102,14 @@ def ball_weights(
 
 @kernel
 def ball_weights_in_tets(
-    centre: Vector,
-    offsets: Vector,
-    kernel_weights: Vector,
+    centre: Floats,
+    offsets: Floats,
+    kernel_weights: Floats,
     cell: float,
     search: TetSearch,
-    slot: Indices,
-    nodes: Indices,
-    weights: Vector,
+    slot: Ints,
+    nodes: Ints,
+    weights: Floats,
 ) -> int:
     """`ball_weights` in a mesh of any shape. A quadrature cell counts with the share 1/2 + d / cell, between 0 and 1,
     where d is its depth below the surface: as in the box, away from its edges."""
@@ -150,14 +147,14 @@ def ball_weights_in_tets(
 
 
 def fill_ball(
-    centre: Vector,
-    offsets: Vector,
-    kernel_weights: Vector,
+    centre: Floats,
+    offsets: Floats,
+    kernel_weights: Floats,
     cell: float,
     geometry: Any,
-    slot: Indices,
-    nodes: Indices,
-    weights: Vector,
+    slot: Ints,
+    nodes: Ints,
+    weights: Floats,
 ) -> int:
     """Inside kernels: `ball_weights` or `ball_weights_in_tets`, by the type of a mesh's geometry."""
     raise NotImplementedError
@@ -177,23 +174,21 @@ def _filler(centre, offsets, kernel_weights, cell, geometry, slot, nodes, weight
 
 @kernel
 def weights_of_ball(
-    centre: Vector,
-    offsets: Vector,
-    kernel_weights: Vector,
+    centre: Floats,
+    offsets: Floats,
+    kernel_weights: Floats,
     cell: float,
     geometry: Any,
-    slot: Indices,
-    nodes: Indices,
-    weights: Vector,
+    slot: Ints,
+    nodes: Ints,
+    weights: Floats,
 ) -> int:
     """`fill_ball`, to be called from outside of kernels."""
     return fill_ball(centre, offsets, kernel_weights, cell, geometry, slot, nodes, weights)
 
 
 @kernel
-def displaced(
-    rest: Vector, nodes: Indices, weights: Vector, count: int, x: Vector, x_rest: Vector, out: Vector
-) -> None:
+def displaced(rest: Floats, nodes: Ints, weights: Floats, count: int, x: Floats, x_rest: Floats, out: Floats) -> None:
     """out (3,) = X + sum_a w_a (x_a - X_a): where the material ball around the rest point X is now."""
     for i in range(3):
         out[i] = rest[i]

@@ -13,16 +13,12 @@ from enum import IntEnum
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from simcore.arrays import Flags, Floats, Ints
 from simcore.compiled import kernel
 from simcore.contact.ball import Ball, displaced, fill_ball, weights_of_ball
 from simcore.mesh.mesh import Mesh
 from simcore.needle.shaft import shaft_frame
-
-Vector = NDArray[np.float64]
-Indices = NDArray[np.int64]
-Flags = NDArray[np.bool_]
 
 POINT_TOLERANCE_M = 1e-12  # a ball sits at its place to this; far below every constraint tolerance
 
@@ -43,13 +39,13 @@ class ChannelModel:
 
     spacing_m: float
     ball: Ball
-    rest_m: Vector
+    rest_m: Floats
     geometry: Any
-    inward: Vector
+    inward: Floats
     capacity: int
 
     @classmethod
-    def of(cls, *, spacing_m: float, spread_m: float, longest_m: float, mesh: Mesh, entry_m: Vector) -> ChannelModel:
+    def of(cls, *, spacing_m: float, spread_m: float, longest_m: float, mesh: Mesh, entry_m: Floats) -> ChannelModel:
         """longest_m: a bound on the rest length of the channel; elements are allocated once."""
         ball = Ball.of_radius(spread_m, mesh)
         inward = mesh.inward_normal(entry_m)
@@ -62,21 +58,21 @@ class Channel:
 
     phase: Phase
     count: int
-    rest_m: Vector  # (P, 3) material points
-    depth_m: Vector  # (P,) rest depth S along the channel; element 0: its whole length
-    arc_m: Vector  # (P,) needle arc length s at the last converged step
-    force_n: Vector  # (P, 3) of the needle on the tissue, world
-    force_change_n: Vector  # (P, 3) in the last step
-    mode: Indices  # (P,) last position on the axial staircase (see `contact_laws`)
+    rest_m: Floats  # (P, 3) material points
+    depth_m: Floats  # (P,) rest depth S along the channel; element 0: its whole length
+    arc_m: Floats  # (P,) needle arc length s at the last converged step
+    force_n: Floats  # (P, 3) of the needle on the tissue, world
+    force_change_n: Floats  # (P, 3) in the last step
+    mode: Ints  # (P,) last position on the axial staircase (see `contact_laws`)
     created: Flags  # (P,) constrains since X_c is far enough ahead
     active: Flags  # (P,) constrains now: the needle reaches it
-    nodes: Indices  # (P, K) ball weights
-    weights: Vector  # (P, K)
-    touched: Indices  # (P,)
-    slot: Indices = field(repr=False)  # scratch of ball_weights
+    nodes: Ints  # (P, K) ball weights
+    weights: Floats  # (P, K)
+    touched: Ints  # (P,)
+    slot: Ints = field(repr=False)  # scratch of ball_weights
 
     @classmethod
-    def at_surface(cls, model: ChannelModel, entry_m: Vector, needle_length_m: float) -> Channel:
+    def at_surface(cls, model: ChannelModel, entry_m: Floats, needle_length_m: float) -> Channel:
         """Before puncture: one contact point where the tip touches."""
         p, k, n = model.capacity, model.ball.capacity, len(model.rest_m)
         channel = cls(
@@ -106,7 +102,7 @@ class Channel:
         copies = {k: v.copy() for k, v in values.items() if isinstance(v, np.ndarray) and k != "slot"}
         return Channel(**{**values, **copies})
 
-    def place(self, model: ChannelModel, element: int, rest_m: Vector) -> None:
+    def place(self, model: ChannelModel, element: int, rest_m: Floats) -> None:
         """Put an element at a rest point and compute its weights."""
         self.rest_m[element] = rest_m
         self.touched[element] = weights_of_ball(
@@ -120,7 +116,7 @@ class Channel:
             self.weights[element],
         )
 
-    def position(self, model: ChannelModel, element: int, x: Vector) -> Vector:
+    def position(self, model: ChannelModel, element: int, x: Floats) -> Floats:
         """(3,) m, world: where the element is in the deformed tissue x (n, 3)."""
         out = np.empty(3)
         displaced(
@@ -134,8 +130,8 @@ class Channel:
         )
         return out
 
-    def active_elements(self) -> Indices:
-        """Indices of the elements that constrain now."""
+    def active_elements(self) -> Ints:
+        """Ints of the elements that constrain now."""
         return np.flatnonzero(self.active[: self.count])
 
     @property
@@ -145,7 +141,7 @@ class Channel:
 
 
 @kernel
-def project(x: Vector, R: Vector, element_length: float, point: Vector, guess: float) -> float:
+def project(x: Floats, R: Floats, element_length: float, point: Floats, guess: float) -> float:
     """Arc length s with (point - c(s)) . c'(s) = 0, by Newton's method from `guess`."""
     s = guess
     for _ in range(20):
@@ -162,7 +158,7 @@ def project(x: Vector, R: Vector, element_length: float, point: Vector, guess: f
 
 
 @kernel
-def inserted_rest_length(depth: Vector, arc: Vector, count: int, needle_length: float) -> float:
+def inserted_rest_length(depth: Floats, arc: Floats, count: int, needle_length: float) -> float:
     """Rest length of the channel that the needle occupies: where s = L, interpolated in the pairs (s, S).
 
     A tip ahead of X_c (it cuts in this very step) counts with its advance.
@@ -182,7 +178,7 @@ def inserted_rest_length(depth: Vector, arc: Vector, count: int, needle_length: 
 
 
 @kernel
-def tributary_lengths(depth: Vector, active: Flags, count: int, inserted: float, out: Vector) -> None:
+def tributary_lengths(depth: Floats, active: Flags, count: int, inserted: float, out: Floats) -> None:
     """out (P,) m: rest length of channel that each active element stands for; they add up to `inserted`.
 
     The cell of an element ends half-way to its active neighbours; the first begins at the entry, the last ends at the
@@ -204,7 +200,7 @@ def tributary_lengths(depth: Vector, active: Flags, count: int, inserted: float,
         out[previous] = max(inserted - start, 0.0)
 
 
-def advance_end(channel: Channel, model: ChannelModel, x: Vector, tip_m: Vector) -> None:
+def advance_end(channel: Channel, model: ChannelModel, x: Floats, tip_m: Floats) -> None:
     """Cutting: move X_c to the material point where the tip is now, and note every multiple of the spacing it passes.
 
     Afterwards p(X_c) = tip exactly, so that the next step begins without a gap.
@@ -218,7 +214,7 @@ def advance_end(channel: Channel, model: ChannelModel, x: Vector, tip_m: Vector)
         _append(channel, model, before + share * (after - before), depth)
 
 
-def _append(channel: Channel, model: ChannelModel, rest_m: Vector, depth_m: float) -> None:
+def _append(channel: Channel, model: ChannelModel, rest_m: Floats, depth_m: float) -> None:
     element = channel.count
     channel.count += 1
     channel.place(model, element, rest_m)
@@ -229,7 +225,7 @@ def _append(channel: Channel, model: ChannelModel, rest_m: Vector, depth_m: floa
     channel.created[element] = channel.active[element] = False
 
 
-def _material_point(channel: Channel, model: ChannelModel, element: int, x: Vector, target_m: Vector) -> Vector:
+def _material_point(channel: Channel, model: ChannelModel, element: int, x: Floats, target_m: Floats) -> Floats:
     """Move an element in rest space until its ball sits at `target_m` (3,) m, world; returns the rest point."""
     c, ball = channel, model.ball
     material = (ball.offsets_m, ball.kernel, ball.cell_m, model.geometry)
@@ -241,17 +237,17 @@ def _material_point(channel: Channel, model: ChannelModel, element: int, x: Vect
 
 @kernel
 def material_point(
-    rest: Vector,
-    target: Vector,
-    x: Vector,
-    x_rest: Vector,
-    offsets: Vector,
-    kernel_weights: Vector,
+    rest: Floats,
+    target: Floats,
+    x: Floats,
+    x_rest: Floats,
+    offsets: Floats,
+    kernel_weights: Floats,
     cell: float,
     geometry: Any,
-    slot: Indices,
-    nodes: Indices,
-    weights: Vector,
+    slot: Ints,
+    nodes: Ints,
+    weights: Floats,
 ) -> int:
     """Solve p(X) = target for the rest point X, from and into `rest` (3,) m, by Broyden's method; returns the number
     of its weights, which are written with their nodes."""
@@ -292,7 +288,7 @@ def puncture(channel: Channel, model: ChannelModel) -> None:
     channel.mode[0] = 1
 
 
-def slide_contact(channel: Channel, model: ChannelModel, x: Vector, tip_m: Vector) -> None:
+def slide_contact(channel: Channel, model: ChannelModel, x: Floats, tip_m: Floats) -> None:
     """Before puncture: after tangential slip the contact point is the surface point beside the tip.
 
     It slides in the plane of the surface at the entry.
@@ -308,9 +304,9 @@ def slide_contact(channel: Channel, model: ChannelModel, x: Vector, tip_m: Vecto
 def refresh_elements(
     channel: Channel,
     model: ChannelModel,
-    x: Vector,
-    needle_x: Vector,
-    needle_R: Vector,
+    x: Floats,
+    needle_x: Floats,
+    needle_R: Floats,
     element_length_m: float,
 ) -> float:
     """Create, drop and take up elements after a converged step; returns the largest lateral gap (m) taken up.
@@ -343,7 +339,7 @@ def refresh_elements(
     return largest
 
 
-def _in_question(channel: Channel, needle_length_m: float) -> Indices:
+def _in_question(channel: Channel, needle_length_m: float) -> Ints:
     """Elements that the tip may have reached or left: all others stay as they are."""
     n = channel.count
     return np.flatnonzero(~channel.active[:n] | (channel.arc_m[:n] > needle_length_m))
@@ -353,9 +349,9 @@ def _onto_shaft(
     channel: Channel,
     model: ChannelModel,
     element: int,
-    x: Vector,
-    needle_x: Vector,
-    needle_R: Vector,
+    x: Floats,
+    needle_x: Floats,
+    needle_R: Floats,
     element_length_m: float,
 ) -> None:
     place = channel.position(model, element, x)

@@ -8,21 +8,16 @@ whole; one that is cut by the surface has its centroid up to 1 mm below its poin
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
+from simcore.arrays import Flags, Floats, Ints, Singles
 from simcore.compiled import kernel
 from simcore.contact.ball import displaced
 from simcore.contact.channel import project
 from simcore.needle.shaft import shaft_columns, shaft_frame
 
-Vector = NDArray[np.float64]
-Single = NDArray[np.float32]
-Indices = NDArray[np.int64]
-Flags = NDArray[np.bool_]
-
 
 @kernel
-def frame_along(axis: Vector, frame: Vector) -> None:
+def frame_along(axis: Floats, frame: Floats) -> None:
     """Rows n1, n2, tau of a right-handed frame with tau along `axis`; n1 leans towards x (y if the axis does)."""
     size = np.sqrt(axis[0] ** 2 + axis[1] ** 2 + axis[2] ** 2)
     lead = 0 if abs(axis[0]) < 0.9 * size else 1
@@ -41,26 +36,26 @@ def frame_along(axis: Vector, frame: Vector) -> None:
 @kernel
 def constraint_geometry(
     contact: bool,
-    surface_frame: Vector,
-    elements: Indices,
-    rest: Vector,
-    nodes: Indices,
-    weights: Vector,
-    touched: Indices,
-    x: Vector,
-    x_rest: Vector,
-    needle_x: Vector,
-    needle_R: Vector,
+    surface_frame: Floats,
+    elements: Ints,
+    rest: Floats,
+    nodes: Ints,
+    weights: Floats,
+    touched: Ints,
+    x: Floats,
+    x_rest: Floats,
+    needle_x: Floats,
+    needle_R: Floats,
     element_length: float,
-    mode: Indices,
-    breaks: Vector,
-    arc: Vector,
-    speed: Vector,
-    frames: Vector,
-    gap: Vector,
-    beams: Indices,
-    columns: Vector,
-    points: Vector,
+    mode: Ints,
+    breaks: Floats,
+    arc: Floats,
+    speed: Floats,
+    frames: Floats,
+    gap: Floats,
+    beams: Ints,
+    columns: Floats,
+    points: Floats,
 ) -> None:
     """Of each active element: arc length (a,), speed |c'| (a,), frame (a, 3, 3), local gap (a, 3) m, beam (a,) and the
     gradient (a, 3, 12) of its shaft point in world axes, and the ball's place (a, 3) m.
@@ -100,22 +95,22 @@ def constraint_geometry(
 
 @kernel
 def tissue_residual(
-    held_forces: Vector,
-    x: Vector,
-    x_old: Vector,
-    v_old: Vector,
-    masses: Vector,
-    damping_forces: Vector,
+    held_forces: Floats,
+    x: Floats,
+    x_old: Floats,
+    v_old: Floats,
+    masses: Floats,
+    damping_forces: Floats,
     dt: float,
     mass_damping: float,
     stiffness_damping: float,
-    elements: Indices,
-    nodes: Indices,
-    weights: Vector,
-    touched: Indices,
-    force: Vector,
-    unknown: Indices,
-    out: Vector,
+    elements: Ints,
+    nodes: Ints,
+    weights: Floats,
+    touched: Ints,
+    force: Floats,
+    unknown: Ints,
+    out: Floats,
 ) -> float:
     """out (unknowns,) = H_t^T lambda - f_tissue - M (v+ - v) / dt - C v+; returns its largest component, N.
 
@@ -144,7 +139,7 @@ def tissue_residual(
 
 @kernel
 def needle_residual(
-    internal_forces: Vector, needle_R: Vector, beams: Indices, shares: Vector, force: Vector, out: Vector
+    internal_forces: Floats, needle_R: Floats, beams: Ints, shares: Floats, force: Floats, out: Floats
 ) -> None:
     """out (n + 1, 6) = -f_needle - H_n^T lambda; minus row 0 is the wrench of the robot on the base, N and N m.
 
@@ -159,7 +154,7 @@ def needle_residual(
 
 
 @kernel
-def needle_right_sides(beams: Indices, columns: Vector, out: Vector) -> None:
+def needle_right_sides(beams: Ints, columns: Floats, out: Floats) -> None:
     """out (n, 6, 3a): unit world forces at each shaft point as nodal loads on the free nodes 1 ... n."""
     out[:] = 0.0
     for i in range(len(beams)):
@@ -171,7 +166,7 @@ def needle_right_sides(beams: Indices, columns: Vector, out: Vector) -> None:
 
 
 @kernel
-def moved_shaft(beams: Indices, columns: Vector, base_move: Vector, free_moves: Vector, out: Vector) -> None:
+def moved_shaft(beams: Ints, columns: Floats, base_move: Floats, free_moves: Floats, out: Floats) -> None:
     """out (a, 3, k): displacement of each shaft point under nodal moves (n, 6, k) and moves of the base (6, k)."""
     for i in range(len(beams)):
         for a in range(3):
@@ -188,13 +183,13 @@ def moved_shaft(beams: Indices, columns: Vector, base_move: Vector, free_moves: 
 
 @kernel
 def tissue_moves(
-    elements: Indices,
-    nodes: Indices,
-    weights: Vector,
-    touched: Indices,
-    unknown: Indices,
-    moves: Single,
-    out: Vector,
+    elements: Ints,
+    nodes: Ints,
+    weights: Floats,
+    touched: Ints,
+    unknown: Ints,
+    moves: Singles,
+    out: Floats,
 ) -> None:
     """out (a, 3): displacement of each ball under the nodal moves (unknowns,)."""
     for i in range(len(elements)):
@@ -208,7 +203,7 @@ def tissue_moves(
 
 
 @kernel
-def move_nodes(unknown: Indices, moves: Single, x: Vector) -> None:
+def move_nodes(unknown: Ints, moves: Singles, x: Floats) -> None:
     """Add to x (n, 3) the moves (unknowns,) of the free nodes."""
     for node in range(len(unknown)):
         rank = unknown[node]
@@ -218,7 +213,7 @@ def move_nodes(unknown: Indices, moves: Single, x: Vector) -> None:
 
 
 @kernel
-def local_compliance(elements: Indices, between: Vector, shaft_moves: Vector, frames: Vector, out: Vector) -> None:
+def local_compliance(elements: Ints, between: Floats, shaft_moves: Floats, frames: Floats, out: Floats) -> None:
     """out (3a, 3a) = N (G_tissue + G_needle) N^T: gap per force in the local frames of both elements.
 
     between: (3P, 3P) tissue; shaft_moves: (a, 3, 3a) needle, both world.
@@ -240,7 +235,7 @@ def local_compliance(elements: Indices, between: Vector, shaft_moves: Vector, fr
 
 
 @kernel
-def to_local(frames: Vector, world: Vector) -> Vector:
+def to_local(frames: Floats, world: Floats) -> Floats:
     """(a, 3) world vectors in the local frames (a, 3, 3)."""
     out = np.zeros_like(world)
     for i in range(len(world)):
@@ -251,7 +246,7 @@ def to_local(frames: Vector, world: Vector) -> Vector:
 
 
 @kernel
-def to_world(frames: Vector, local: Vector) -> Vector:
+def to_world(frames: Floats, local: Floats) -> Floats:
     """(a, 3) local vectors in world axes."""
     out = np.zeros_like(local)
     for i in range(len(local)):
@@ -265,16 +260,16 @@ def to_world(frames: Vector, local: Vector) -> Vector:
 def project_inactive(
     count: int,
     active: Flags,
-    rest: Vector,
-    nodes: Indices,
-    weights: Vector,
-    touched: Indices,
-    x: Vector,
-    x_rest: Vector,
-    needle_x: Vector,
-    needle_R: Vector,
+    rest: Floats,
+    nodes: Ints,
+    weights: Floats,
+    touched: Ints,
+    x: Floats,
+    x_rest: Floats,
+    needle_x: Floats,
+    needle_R: Floats,
     element_length: float,
-    arc: Vector,
+    arc: Floats,
 ) -> None:
     """Arc lengths (P,) of the elements that do not constrain: where along the needle they are now."""
     p = np.empty(3)

@@ -15,12 +15,9 @@ A mode numbers the staircase from behind: 0 = first level, 1 = first breakpoint,
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
+from simcore.arrays import Floats, Ints
 from simcore.compiled import kernel
-
-Vector = NDArray[np.float64]
-Indices = NDArray[np.int64]
 
 FORCE_SLACK_N = 1e-9  # above the rounding of the dense solve, far below every force tolerance
 MODE_SWEEPS = 200
@@ -31,16 +28,16 @@ MERGED_M = 1e-9  # two breakpoints nearer than this are one
 @kernel
 def staircases(
     contact: bool,
-    elements: Indices,
-    arc_old: Vector,
+    elements: Ints,
+    arc_old: Floats,
     needle_length: float,
     cutting: float,
     puncture: float,
-    mode: Indices,
-    breaks: Vector,
-    steps: Indices,
-    sign: Vector,
-    extra: Vector,
+    mode: Ints,
+    breaks: Floats,
+    steps: Ints,
+    sign: Floats,
+    extra: Floats,
 ) -> None:
     """Write the staircase of each active element: steps (a,) breakpoints, breaks (a, 2) m, level k = sign b + extra.
 
@@ -71,7 +68,7 @@ def level(sign: float, extra: float, base: float, friction: float, lateral: floa
 
 
 @kernel
-def law_residual(force: Vector, mode: Indices, sign: Vector, extra: Vector, base: Vector, friction: float) -> float:
+def law_residual(force: Floats, mode: Ints, sign: Floats, extra: Floats, base: Floats, friction: float) -> float:
     """Largest distance of the axial force of a sliding element from its level, N; force (a, 3) in local frames."""
     worst = 0.0
     for i in range(len(mode)):
@@ -89,9 +86,9 @@ def next_mode(
     arc: float,
     force: float,
     lateral: float,
-    breaks: Vector,
-    sign: Vector,
-    extra: Vector,
+    breaks: Floats,
+    sign: Floats,
+    extra: Floats,
     base: float,
     friction: float,
 ) -> int:
@@ -112,23 +109,23 @@ def next_mode(
 
 @kernel
 def system_rows(
-    w: Vector,
-    gap: Vector,
-    arc: Vector,
-    speed: Vector,
-    force: Vector,
-    around: Vector,
-    mode: Indices,
-    breaks: Vector,
-    sign: Vector,
-    extra: Vector,
-    base: Vector,
+    w: Floats,
+    gap: Floats,
+    arc: Floats,
+    speed: Floats,
+    force: Floats,
+    around: Floats,
+    mode: Ints,
+    breaks: Floats,
+    sign: Floats,
+    extra: Floats,
+    base: Floats,
     friction: float,
-    slide: Vector,
+    slide: Floats,
     sliding: bool,
     surface_friction: float,
-    matrix: Vector,
-    right: Vector,
+    matrix: Floats,
+    right: Floats,
 ) -> None:
     """One linear equation per row for the new local forces: matrix (3a, 3a) force' = right (3a,).
 
@@ -166,16 +163,16 @@ def system_rows(
 
 @kernel
 def respond(
-    w: Vector,
-    gap: Vector,
-    arc: Vector,
-    speed: Vector,
-    force: Vector,
-    solution: Vector,
-    mode: Indices,
-    breaks: Vector,
-    new_force: Vector,
-    new_arc: Vector,
+    w: Floats,
+    gap: Floats,
+    arc: Floats,
+    speed: Floats,
+    force: Floats,
+    solution: Floats,
+    mode: Ints,
+    breaks: Floats,
+    new_force: Floats,
+    new_arc: Floats,
 ) -> None:
     """Forces (a, 3) N and arcs (a,) m from the solution (3a,) of `system_rows`; a stuck arc is its breakpoint."""
     for i in range(len(mode)):
@@ -191,15 +188,15 @@ def respond(
 
 @kernel
 def advance_modes(
-    force: Vector,
-    arc: Vector,
-    around: Vector,
-    mode: Indices,
-    steps: Indices,
-    breaks: Vector,
-    sign: Vector,
-    extra: Vector,
-    base: Vector,
+    force: Floats,
+    arc: Floats,
+    around: Floats,
+    mode: Ints,
+    steps: Ints,
+    breaks: Floats,
+    sign: Floats,
+    extra: Floats,
+    base: Floats,
     friction: float,
     one_at_a_time: bool,
 ) -> bool:
@@ -224,22 +221,22 @@ def advance_modes(
 
 @kernel
 def solve_laws(
-    w: Vector,
-    gap: Vector,
-    arc: Vector,
-    speed: Vector,
-    force: Vector,
-    mode: Indices,
-    steps: Indices,
-    breaks: Vector,
-    sign: Vector,
-    extra: Vector,
-    base: Vector,
+    w: Floats,
+    gap: Floats,
+    arc: Floats,
+    speed: Floats,
+    force: Floats,
+    mode: Ints,
+    steps: Ints,
+    breaks: Floats,
+    sign: Floats,
+    extra: Floats,
+    base: Floats,
     friction: float,
     contact: bool,
-    slide: Vector,
-    new_force: Vector,
-    new_arc: Vector,
+    slide: Floats,
+    new_force: Floats,
+    new_arc: Floats,
 ) -> bool:
     """Forces that satisfy every law for the linear response gap' = gap + w (force' - force).
 
@@ -275,7 +272,7 @@ def solve_laws(
 
 
 @kernel
-def surface_slip(w: Vector, gap: Vector, force: Vector, new_force: Vector, friction: float, slide: Vector) -> bool:
+def surface_slip(w: Floats, gap: Floats, force: Floats, new_force: Floats, friction: float, slide: Floats) -> bool:
     """Coulomb's law of the surface contact (element 0): projects the augmented lateral force onto the friction disc.
 
     Returns whether it slips; slide (2,) becomes the unit direction of the lateral force, zero while it sticks.

@@ -4,8 +4,8 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
+from simcore.arrays import Floats
 from simcore.controllers.base import Observation
 from simcore.controllers.ifem import damped_inverse
 from simcore.controllers.plant_model import model_scenario
@@ -16,8 +16,6 @@ from simcore.insertion.jacobian_fast import linearise
 from simcore.rotations import skew
 from simcore.scenario.scenario import FrozenJacobian, Scenario
 
-Vector = NDArray[np.float64]
-
 STEP_M = 0.5e-3  # advance of the own insertion: quasi-static, its end does not depend on the pace
 
 
@@ -27,7 +25,7 @@ class FrozenJacobianController:
 
     limited = True
 
-    def __init__(self, settings: FrozenJacobian, scenario: Scenario, entry_m: Vector) -> None:
+    def __init__(self, settings: FrozenJacobian, scenario: Scenario, entry_m: Floats) -> None:
         self.entry_m = entry_m
         self.failure: ModelFailure | None = None
         try:
@@ -46,7 +44,7 @@ class FrozenJacobianController:
         return pose_through(self.entry_m, base.position_m + move, base.rotation)
 
 
-def straight_jacobian(settings: FrozenJacobian, scenario: Scenario) -> Vector:
+def straight_jacobian(settings: FrozenJacobian, scenario: Scenario) -> Floats:
     """(3, 3) d tip / d base position at the end of a straight insertion, the base's axis kept through the entry.
 
     Raises ModelFailure when the insertion does not converge.
@@ -63,5 +61,5 @@ def straight_jacobian(settings: FrozenJacobian, scenario: Scenario) -> Vector:
             raise ModelFailure(state.report.status, f"insertion for the frozen Jacobian: {state.report.message}")
     tip = linearise(insertion, state).tip
     reach_m = float(np.linalg.norm(insertion.entry_m - state.base.position_m))
-    following: Vector = tip[:, :3] - tip[:, 3:] @ skew(tangent) / reach_m
+    following: Floats = tip[:, :3] - tip[:, 3:] @ skew(tangent) / reach_m
     return following

@@ -8,16 +8,12 @@ memory traffic. Columns A^-1 B^T are kept with it.
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.linalg.lapack import spbtrf, spbtrs
 
+from simcore.arrays import Floats, Ints, Singles
 from simcore.compiled import kernel
 from simcore.contact.channel import Channel
 from simcore.tissue.model import TissueModel, assemble_band
-
-Vector = NDArray[np.float64]
-Single = NDArray[np.float32]
-Indices = NDArray[np.int64]
 
 TIP_COLUMN_REUSE_M = 0.5e-3  # the channel end may move so far before its columns are computed anew
 
@@ -39,7 +35,7 @@ class Compliance:
         self._band = np.zeros((tissue.band + 1, tissue.unknowns), np.float32, order="F")
         self.refactor(np.tile(np.eye(3).ravel(), (len(tissue.mesh.tets), 1)))
 
-    def refactor(self, rotations: Vector) -> None:
+    def refactor(self, rotations: Floats) -> None:
         """Factor at the present rotations (t, 9); forgets every column. Raises NotPositiveDefinite."""
         t = self.tissue
         material = (t.gradients, t.volumes_m3, t.mu_pa, t.lambda_pa)
@@ -49,10 +45,10 @@ class Compliance:
             raise NotPositiveDefinite(f"the stiffness is not positive definite in row {info}")
         self.column_rest_m[:] = np.nan
 
-    def solve(self, right: Vector | Single) -> Single:
+    def solve(self, right: Floats | Singles) -> Singles:
         """A^-1 right, (unknowns,) or (unknowns, k), in single precision; a diverging step overflows to infinity."""
         with np.errstate(over="ignore", invalid="ignore"):
-            solution: Single = spbtrs(self.factor, right.astype(np.float32), lower=1)[0]
+            solution: Singles = spbtrs(self.factor, right.astype(np.float32), lower=1)[0]
         return solution
 
     def sync(self, channel: Channel) -> None:
@@ -94,12 +90,12 @@ class Compliance:
 def compliance_rows(
     element: int,
     count: int,
-    nodes: Indices,
-    weights: Vector,
-    touched: Indices,
-    unknown: Indices,
-    columns: Single,
-    between: Vector,
+    nodes: Ints,
+    weights: Floats,
+    touched: Ints,
+    unknown: Ints,
+    columns: Singles,
+    between: Floats,
 ) -> None:
     """Displacement of one element's ball under unit forces on every element: its rows of `between`, and by symmetry."""
     for j in range(count):

@@ -15,18 +15,14 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from simcore.arrays import Flags, Floats, Ints
 from simcore.compiled import kernel
 from simcore.contact.channel import tributary_lengths
 from simcore.contact.kernels import moved_shaft, needle_right_sides
 from simcore.insertion.solver import Bodies, Coupled
 from simcore.needle.model import factor_blocks, solve_blocks
 from simcore.needle.shaft import shaft_columns, shaft_frame, shaft_weights
-
-Vector = NDArray[np.float64]
-Indices = NDArray[np.int64]
-Flags = NDArray[np.bool_]
 
 TRIBUTARY_STEP_M = 1e-7  # tributary lengths are piecewise linear: a difference is their slope
 
@@ -35,39 +31,39 @@ TRIBUTARY_STEP_M = 1e-7  # tributary lengths are piecewise linear: a difference 
 class ShaftPoints:
     """Points of the shaft: what its Hermite curve and their gradients to the two nodes of their beams are."""
 
-    beams: Indices  # (p,)
-    columns: Vector  # (p, 3, 12) dc/dq
-    slopes: Vector  # (p, 3, 12) dc'/dq
-    levers: Vector  # (p, 2) m, weights of the two nodal tangents in c
-    c: Vector  # (p, 3) m
-    dc: Vector  # (p, 3) c'
-    ddc: Vector  # (p, 3) c'', 1/m
+    beams: Ints  # (p,)
+    columns: Floats  # (p, 3, 12) dc/dq
+    slopes: Floats  # (p, 3, 12) dc'/dq
+    levers: Floats  # (p, 2) m, weights of the two nodal tangents in c
+    c: Floats  # (p, 3) m
+    dc: Floats  # (p, 3) c'
+    ddc: Floats  # (p, 3) c'', 1/m
 
 
 @dataclass(frozen=True)
 class ConstraintTangent:
     """matrix (4a, 4a) y + per_ball (4a, 3p) dp + per_base (4a, 6) = 0 for y = (dF, ds)."""
 
-    elements: Indices  # (p,) a that constrain, then those that only bound the tip's place in the channel
-    matrix: Vector
-    per_ball: Vector
-    per_base: Vector
-    moves: Vector  # (n, 6, 4a + 6) of the needle's free nodes per y and per move of the base
+    elements: Ints  # (p,) a that constrain, then those that only bound the tip's place in the channel
+    matrix: Floats
+    per_ball: Floats
+    per_base: Floats
+    moves: Floats  # (n, 6, 4a + 6) of the needle's free nodes per y and per move of the base
 
 
 @kernel
 def fill_points(
-    needle_x: Vector,
-    needle_R: Vector,
+    needle_x: Floats,
+    needle_R: Floats,
     element_length: float,
-    arcs: Vector,
-    beams: Indices,
-    columns: Vector,
-    slopes: Vector,
-    levers: Vector,
-    c: Vector,
-    dc: Vector,
-    ddc: Vector,
+    arcs: Floats,
+    beams: Ints,
+    columns: Floats,
+    slopes: Floats,
+    levers: Floats,
+    c: Floats,
+    dc: Floats,
+    ddc: Floats,
 ) -> None:
     """Write the arrays of `ShaftPoints` at the arc lengths (p,) m."""
     for i in range(len(arcs)):
@@ -78,7 +74,7 @@ def fill_points(
         levers[i, 0], levers[i, 1] = weights[0, 1], weights[0, 3]
 
 
-def shaft_points(bodies: Bodies, element_length_m: float, arcs: Vector) -> ShaftPoints:
+def shaft_points(bodies: Bodies, element_length_m: float, arcs: Floats) -> ShaftPoints:
     """The shaft at the arc lengths (p,) m."""
     p = len(arcs)
     points = ShaftPoints(
@@ -93,7 +89,7 @@ def shaft_points(bodies: Bodies, element_length_m: float, arcs: Vector) -> Shaft
     return points
 
 
-def shaft_changes(points: ShaftPoints, moves: Vector, base: Vector) -> tuple[Vector, Vector]:
+def shaft_changes(points: ShaftPoints, moves: Floats, base: Floats) -> tuple[Floats, Floats]:
     """(p, 3, k) changes of c and of c' at fixed s, under nodal moves (n, 6, k) and moves of the base (6, k)."""
     size = (len(points.beams), 3, moves.shape[2])
     shaft, turn = np.empty(size), np.empty(size)
@@ -102,7 +98,7 @@ def shaft_changes(points: ShaftPoints, moves: Vector, base: Vector) -> tuple[Vec
     return shaft, turn
 
 
-def inserted_slopes(depth: Vector, arc: Vector, count: int, needle_length: float) -> dict[int, float]:
+def inserted_slopes(depth: Floats, arc: Floats, count: int, needle_length: float) -> dict[int, float]:
     """Derivative of `inserted_rest_length` to the arc length of each element that it depends on."""
     if arc[0] <= needle_length:
         return {0: -1.0}
@@ -147,7 +143,7 @@ def constraint_tangent(c: Coupled) -> ConstraintTangent:
     return ConstraintTangent(elements, rows[:, : 4 * a], per_ball, rows[:, 4 * a :], moves)
 
 
-def _needle_moves(c: Coupled, points: ShaftPoints) -> Vector:
+def _needle_moves(c: Coupled, points: ShaftPoints) -> Floats:
     """(n, 6, 4a + 6): moves of the free nodes per dF, ds and per move of the base, all else held."""
     a, n = len(c.elements), c.needle.elements
     diag = c.diag.copy()
@@ -165,7 +161,7 @@ def _needle_moves(c: Coupled, points: ShaftPoints) -> Vector:
 
 
 @kernel
-def lever_tangent(needle_R: Vector, beams: Indices, levers: Vector, force: Vector, diag: Vector) -> None:
+def lever_tangent(needle_R: Floats, beams: Ints, levers: Floats, force: Floats, diag: Floats) -> None:
     """Add to diag (n + 1, 6, 6) the change of the moments t x (h F) with the spin of their node: t F^T - (t . F) I."""
     for i in range(len(beams)):
         for node in range(2):
@@ -177,7 +173,7 @@ def lever_tangent(needle_R: Vector, beams: Indices, levers: Vector, force: Vecto
                     block[3 + p, 3 + q] += levers[i, node] * t[p] * force[i, q]
 
 
-def _friction_rows(c: Coupled, slides: Flags, turn: Vector, dc: Vector, rows: Vector) -> None:
+def _friction_rows(c: Coupled, slides: Flags, turn: Floats, dc: Floats, rows: Floats) -> None:
     """tau . dF + F . dtau - sign mu d|F_lateral| = 0 where it slides; the tributary lengths are added afterwards."""
     a = len(slides)
     tau = c.frames[:, 2]
@@ -195,8 +191,8 @@ def _friction_rows(c: Coupled, slides: Flags, turn: Vector, dc: Vector, rows: Ve
 
 
 def _inserted_row(
-    c: Coupled, elements: Indices, points: ShaftPoints, slopes: dict[int, float], shaft: Vector, turn: Vector
-) -> tuple[Vector, Vector]:
+    c: Coupled, elements: Ints, points: ShaftPoints, slopes: dict[int, float], shaft: Floats, turn: Floats
+) -> tuple[Floats, Floats]:
     """Change of the inserted length: (4a + 6,) per y and move of the base, (3p,) per move of the balls."""
     a = len(c.elements)
     row, by_ball = np.zeros(shaft.shape[2]), np.zeros(3 * len(elements))
@@ -213,7 +209,7 @@ def _inserted_row(
 
 
 def _subtract_lengths(
-    c: Coupled, slides: Flags, inserted: Vector, by_ball: Vector, rows: Vector, per_ball: Vector
+    c: Coupled, slides: Flags, inserted: Floats, by_ball: Floats, rows: Floats, per_ball: Floats
 ) -> None:
     """sign tau0 dl: the tributary lengths follow the inserted length, piecewise linearly."""
     channel, longer, now = c.channel, np.zeros(c.channel.count), np.zeros(c.channel.count)
@@ -226,7 +222,7 @@ def _subtract_lengths(
         per_ball[3 * len(slides) + i] -= pull * by_ball
 
 
-def _surface_rows(c: Coupled, rows: Vector, per_ball: Vector) -> None:
+def _surface_rows(c: Coupled, rows: Floats, per_ball: Floats) -> None:
     """Contact before puncture: Signorini along the surface's normal; while it slides, F_lateral = mu F_n u, u against
     the lateral gap. The gap rows become those of the surface's frame."""
     rows[:3], per_ball[:3] = c.frames[0] @ rows[:3], c.frames[0] @ per_ball[:3]

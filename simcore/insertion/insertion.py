@@ -7,8 +7,8 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import NDArray
 
+from simcore.arrays import Floats
 from simcore.contact.channel import (
     Channel,
     ChannelModel,
@@ -27,8 +27,6 @@ from simcore.scenario.scenario import Scenario, Solver
 from simcore.tissue.breathing import BreathingMotion
 from simcore.tissue.model import TissueModel
 
-Vector = NDArray[np.float64]
-
 PATH_POINTS_APART_M = 0.5e-3  # of the carried path; the chords of a 1 mm sine over 120 mm then miss it by 0.1 um
 OUTSIDE_M = 1e-3  # a contact point or channel end farther than this outside the rest shape has left the tissue
 RE_ENTRY_MISS_M = 2e-3  # a re-entering tip farther than this from its channel has left it
@@ -38,8 +36,8 @@ RE_ENTRY_MISS_M = 2e-3  # a re-entering tip farther than this from its channel h
 class Pose:
     """Of the needle's base: position (3,) m and rotation (3, 3), world; identity = needle along +z."""
 
-    position_m: Vector
-    rotation: Vector
+    position_m: Floats
+    rotation: Floats
 
 
 @dataclass
@@ -48,10 +46,10 @@ class InsertionState:
 
     bodies: Bodies
     channel: Channel
-    base_wrench: Vector  # (6,) N, N m of the robot on the base
+    base_wrench: Floats  # (6,) N, N m of the robot on the base
     inserted_m: float  # rest length of channel that the needle occupies
-    points_m: Vector  # (a, 3) active constraint points
-    point_forces_n: Vector  # (a, 3) of the needle on the tissue
+    points_m: Floats  # (a, 3) active constraint points
+    point_forces_n: Floats  # (a, 3) of the needle on the tissue
     report: StepReport
     steps: int = 0  # since the start: the held nodes are where the motion has them at steps * dt
 
@@ -61,9 +59,9 @@ class InsertionState:
         return Pose(self.bodies.needle_x[0], self.bodies.needle_R[0])
 
     @property
-    def tip_m(self) -> Vector:
+    def tip_m(self) -> Floats:
         """(3,) m, world."""
-        tip: Vector = self.bodies.needle_x[-1]
+        tip: Floats = self.bodies.needle_x[-1]
         return tip
 
 
@@ -89,12 +87,12 @@ class Insertion:
         )
         self.motion = BreathingMotion.from_scenario(scenario.motion)
 
-    def initial_base(self, tangent: Vector) -> Pose:
+    def initial_base(self, tangent: Floats) -> Pose:
         """Base pose of the straight needle that waits along `tangent` (3,), unit, with its tip at the entry."""
         rotation = rotation_towards(tangent)
         return Pose(self.entry_m - self.needle.length_m * rotation[:, 2], rotation)
 
-    def initial_state(self, tangent: Vector) -> InsertionState:
+    def initial_state(self, tangent: Floats) -> InsertionState:
         """Tissue at rest, needle straight along `tangent`, tip at the entry, touching."""
         base = self.initial_base(tangent)
         x, R = straight(self.needle, base.position_m, base.rotation)
@@ -157,13 +155,13 @@ class Insertion:
             raise ValueError("only the step that was solved last can be linearised")
         return self.coupled
 
-    def carried(self, state: InsertionState, rest_m: Vector) -> Vector:
+    def carried(self, state: InsertionState, rest_m: Floats) -> Floats:
         """(3,) m, world: where the tissue point at `rest_m` is now, by the shape functions of its tetrahedron."""
         nodes, weights = self.tissue.mesh.locate(rest_m)
-        moved: Vector = rest_m + weights @ (state.bodies.x[nodes] - self.tissue.mesh.nodes_m[nodes])
+        moved: Floats = rest_m + weights @ (state.bodies.x[nodes] - self.tissue.mesh.nodes_m[nodes])
         return moved
 
-    def carried_path(self, state: InsertionState) -> Vector:
+    def carried_path(self, state: InsertionState) -> Floats:
         """(k, 3) m, world: the scenario's path as the tissue carries it now, at most 0.5 mm between points at rest."""
         return self._path_material.positions(state.bodies.x, self.tissue.mesh.nodes_m)
 
@@ -219,7 +217,7 @@ class Insertion:
         return replace(report, status=Status.TISSUE_LEFT, message=message)
 
 
-def rotation_towards(direction: Vector) -> Vector:
+def rotation_towards(direction: Floats) -> Floats:
     """(3, 3) smallest rotation that takes +z to `direction` (3,), unit."""
     z = np.array([0.0, 0.0, 1.0])
     axis = np.cross(z, direction)

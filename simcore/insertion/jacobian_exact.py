@@ -16,10 +16,10 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.linalg import lu_factor, lu_solve
 from scipy.sparse import csr_matrix
 
+from simcore.arrays import Floats, Ints
 from simcore.contact.channel import project
 from simcore.errors import ModelFailure, Status
 from simcore.insertion.constraint_tangent import ConstraintTangent, constraint_tangent, shaft_changes, shaft_points
@@ -28,9 +28,6 @@ from simcore.insertion.jacobian_fast import Linearisation, lateral_offset
 from simcore.insertion.solver import Coupled
 from simcore.krylov import gmres
 from simcore.tissue.tangent import tangent_times
-
-Vector = NDArray[np.float64]
-Indices = NDArray[np.int64]
 
 TOLERANCE = 1e-8  # of the tissue's residual, relative to the change of its load
 MAX_ITERATIONS = 80
@@ -49,14 +46,14 @@ class TissueResponse:
         matrix[:, : 3 * a] += tangent.per_ball @ (self.balls @ self.columns.T)
         self.factor = lu_factor(matrix)
 
-    def respond(self, load: Vector, base: Vector) -> Vector:
+    def respond(self, load: Floats, base: Floats) -> Floats:
         """(k, unknowns + 4a) under loads (k, unknowns) N on the tissue and moves (6, k) of the base."""
         dx = self.c.compliance.solve(load.T).astype(float)
         right = self.tangent.per_ball @ (self.balls @ dx) + self.tangent.per_base @ base
         y = -lu_solve(self.factor, right).T
         return np.hstack([dx.T + y[:, : len(self.columns)] @ self.columns, y])
 
-    def residual(self, response: Vector) -> Vector:
+    def residual(self, response: Floats) -> Floats:
         """(k, unknowns) N: K dx - B^T dF, with the exact tangent K of the tissue."""
         c, t = self.c, self.c.tissue
         dx, rotations = np.ascontiguousarray(response[:, : t.unknowns]), c.blocks.rotations()
@@ -66,13 +63,13 @@ class TissueResponse:
         )  # fmt: skip
         return held - self.load(response)
 
-    def load(self, response: Vector) -> Vector:
+    def load(self, response: Floats) -> Floats:
         """(k, unknowns) N: B^T dF."""
         start = self.c.tissue.unknowns
         return np.asarray((self.loaded.T @ response[:, start : start + len(self.columns)].T).T)
 
 
-def ball_matrix(c: Coupled, elements: Indices) -> Any:
+def ball_matrix(c: Coupled, elements: Ints) -> Any:
     """B (3p, unknowns), sparse: places of material balls per displacement of the free nodes."""
     channel, unknown = c.channel, c.tissue.unknown
     rows, columns, values = [], [], []
@@ -95,10 +92,10 @@ def linearise_exactly(insertion: Insertion, state: InsertionState) -> Linearisat
     return Linearisation(moves[-1, :3], *passing_response(insertion, state, moves))
 
 
-def needle_response(c: Coupled, tangent: ConstraintTangent) -> Vector:
+def needle_response(c: Coupled, tangent: ConstraintTangent) -> Floats:
     """(n, 6, 6): moves of the needle's free nodes per move of its base."""
     a, base = len(c.elements), np.eye(6)
-    by_base: Vector = tangent.moves[:, :, 4 * a :]
+    by_base: Floats = tangent.moves[:, :, 4 * a :]
     if a == 0:
         return by_base
     tissue = TissueResponse(c, tangent)
@@ -120,7 +117,7 @@ def needle_response(c: Coupled, tangent: ConstraintTangent) -> Vector:
     return by_base + tangent.moves[:, :, : 4 * a] @ y.T
 
 
-def passing_response(insertion: Insertion, state: InsertionState, moves: Vector) -> tuple[Vector | None, Vector]:
+def passing_response(insertion: Insertion, state: InsertionState, moves: Floats) -> tuple[Floats | None, Floats]:
     """Change (2, 6) of the shaft's lateral offsets at the entry, turn of its frame included, and the offsets (2,) m."""
     offset, frame, _, _ = lateral_offset(insertion, state, insertion.entry_m)
     if state.inserted_m == 0.0:

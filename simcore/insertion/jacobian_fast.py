@@ -11,8 +11,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from simcore.arrays import Floats
 from simcore.contact.channel import project
 from simcore.contact.kernels import frame_along, moved_shaft, to_local
 from simcore.contact.laws import system_rows
@@ -20,8 +20,6 @@ from simcore.insertion.insertion import Insertion, InsertionState
 from simcore.insertion.solver import Coupled
 from simcore.needle.model import solve_blocks
 from simcore.needle.shaft import shaft_columns, shaft_frame
-
-Vector = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
@@ -32,12 +30,12 @@ class Linearisation:
     remote centre of motion, rcm_error_m: (2,) their values; None before puncture, where the shaft is not guided.
     """
 
-    tip: Vector
-    rcm: Vector | None
-    rcm_error_m: Vector
+    tip: Floats
+    rcm: Floats | None
+    rcm_error_m: Floats
 
 
-def lateral_offset(insertion: Insertion, state: InsertionState, point_m: Vector) -> tuple[Vector, Vector, int, Vector]:
+def lateral_offset(insertion: Insertion, state: InsertionState, point_m: Floats) -> tuple[Floats, Floats, int, Floats]:
     """Where the shaft passes a point (3,) m, world: lateral offsets (2,) m of the shaft in its own frame, the frame
     (3, 3), and beam and weights (4,) of that shaft point. Beyond the tip the end tangent is continued."""
     b, length = state.bodies, insertion.needle.element_length_m
@@ -62,7 +60,7 @@ def linearise(insertion: Insertion, state: InsertionState) -> Linearisation:
     return Linearisation(free[-1, :3], frame[:2] @ passing[0], offset)
 
 
-def base_response(c: Coupled) -> tuple[Vector, Vector]:
+def base_response(c: Coupled) -> tuple[Floats, Floats]:
     """Moves (n, 6, 6) of the needle's free nodes and changes (3a, 6) N, world, of the constraint forces, per move of
     the base: about the last evaluated state, with every mode as it is."""
     w, per_force = c.linear_response()
@@ -77,7 +75,7 @@ def base_response(c: Coupled) -> tuple[Vector, Vector]:
     return free - per_force @ change, change
 
 
-def _force_response(c: Coupled, w: Vector, shaft_moves: Vector) -> Vector:
+def _force_response(c: Coupled, w: Floats, shaft_moves: Floats) -> Floats:
     """(3a, 6) N per base move, world: change of the constraint forces when the shaft moves and every mode stays."""
     a = len(c.elements)
     force = to_local(c.frames, c.force)
@@ -92,5 +90,5 @@ def _force_response(c: Coupled, w: Vector, shaft_moves: Vector) -> Vector:
     if c.contact and c.slide.any():
         local[0, :2] = 0.0
     change = np.linalg.solve(matrix, local.reshape(3 * a, 6)).reshape(a, 3, 6)
-    world: Vector = np.einsum("iba,ibk->iak", c.frames, change)
+    world: Floats = np.einsum("iba,ibk->iak", c.frames, change)
     return world.reshape(3 * a, 6)

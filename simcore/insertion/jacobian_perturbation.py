@@ -12,8 +12,8 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from simcore.arrays import Floats
 from simcore.contact.channel import Phase
 from simcore.errors import ModelFailure, Status
 from simcore.insertion.insertion import Insertion, InsertionState, Pose
@@ -22,8 +22,6 @@ from simcore.insertion.solver import Bodies, Coupled, Guess
 from simcore.needle.model import advance, increments
 from simcore.rotations import exp_map
 from simcore.scenario.scenario import Solver
-
-Vector = NDArray[np.float64]
 
 # Jacobians along `sine` then miss fully converged ones by at most 1e-5, a twentieth of what one-sided differences do
 FORCE_TOLERANCE_N = 1e-7  # times the compliance under one node, about 30 mm/N, it is the violation below
@@ -59,7 +57,7 @@ class Perturbation:
             columns[3:, dof] = (moved_offset - offset) / size
         return Linearisation(columns[:3], columns[3:] if state.inserted_m > 0.0 else None, offset)
 
-    def _perturbed(self, before: InsertionState, base: Pose, dof: int, linear: Guess | None) -> tuple[Vector, Vector]:
+    def _perturbed(self, before: InsertionState, base: Pose, dof: int, linear: Guess | None) -> tuple[Floats, Floats]:
         """`_solved` from the linear prediction and what this dof had beyond it last time, which is kept."""
         if linear is None:
             return self._solved(before, base, None)
@@ -69,7 +67,7 @@ class Perturbation:
         self.beyond[dof] = Beyond.of(linear, c)
         return solved
 
-    def _solved(self, before: InsertionState, base: Pose, guess: Guess | None) -> tuple[Vector, Vector]:
+    def _solved(self, before: InsertionState, base: Pose, guess: Guess | None) -> tuple[Floats, Floats]:
         """Tip (3,) m and lateral offsets (2,) m of the shaft at the entry after the step to `base`."""
         channel, bodies, report = self.probe.solve(before, base, guess)
         if report.status is not Status.COMPLETED:
@@ -85,9 +83,9 @@ class Response:
     (m, 6, 6), forces (a, 3, 6) N."""
 
     state: Guess
-    tissue: Vector
-    needle: Vector
-    forces: Vector
+    tissue: Floats
+    needle: Floats
+    forces: Floats
 
     @classmethod
     def of(cls, c: Coupled) -> Response:
@@ -100,7 +98,7 @@ class Response:
         state = Guess(c.bodies.copy(), c.force, c.mode.copy())
         return cls(state, tissue, np.concatenate([np.eye(6)[None], needle]), forces.reshape(-1, 3, 6))
 
-    def guess(self, twist: Vector) -> Guess:
+    def guess(self, twist: Floats) -> Guess:
         """The state after a twist (6,) m, rad of the base."""
         bodies: Bodies = self.state.bodies.copy()
         bodies.x += self.tissue @ twist
@@ -113,9 +111,9 @@ class Beyond:
     """What a solution had that its linear prediction had not: moves of the tissue (n, 3) m and of the needle (m, 6),
     forces (P, 3) N of all elements of the channel."""
 
-    tissue: Vector
-    needle: Vector
-    forces: Vector
+    tissue: Floats
+    needle: Floats
+    forces: Floats
 
     @classmethod
     def of(cls, linear: Guess, c: Coupled) -> Beyond:

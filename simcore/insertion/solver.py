@@ -13,8 +13,8 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from simcore.arrays import Floats, Ints, Singles
 from simcore.contact.channel import Channel, ChannelModel, Phase, inserted_rest_length, tributary_lengths
 from simcore.contact.kernels import (
     constraint_geometry,
@@ -40,10 +40,6 @@ from simcore.scenario.scenario import Interaction, Solver
 from simcore.tissue.force_blocks import ForceBlocks
 from simcore.tissue.model import TissueModel, rotated_stiffness_times
 
-Vector = NDArray[np.float64]
-Single = NDArray[np.float32]
-Indices = NDArray[np.int64]
-
 LEAST_DET_F = 0.1  # below it a tetrahedron counts as inverted
 FIRST_TRY = 12  # iterations with the kept factor before it is renewed
 
@@ -65,11 +61,11 @@ class StepReport:
 class Bodies:
     """Positions of both bodies: tissue x, v (n, 3); needle x (m, 3), R (m, 3, 3) and its last increments (m, 6)."""
 
-    x: Vector
-    v: Vector
-    needle_x: Vector
-    needle_R: Vector
-    needle_move: Vector
+    x: Floats
+    v: Floats
+    needle_x: Floats
+    needle_R: Floats
+    needle_move: Floats
 
     def copy(self) -> Bodies:
         """An independent copy."""
@@ -81,8 +77,8 @@ class Guess:
     """Where a try begins: bodies, which it moves; forces (a, 3) N, world, and modes (a,) of the active elements."""
 
     bodies: Bodies
-    force_n: Vector
-    mode: Indices
+    force_n: Floats
+    mode: Ints
 
     def copy(self) -> Guess:
         """An independent copy."""
@@ -122,9 +118,9 @@ class Coupled:
         self,
         start: Bodies,
         channel: Channel,
-        position: Vector,
-        rotation: Vector,
-        held_shift_m: Vector | None = None,
+        position: Floats,
+        rotation: Floats,
+        held_shift_m: Floats | None = None,
         guess: Guess | None = None,
     ) -> tuple[Bodies, StepReport]:
         """Move the base to (position (3,) m, rotation (3, 3)) and find the new equilibrium; `channel` gets its forces.
@@ -157,7 +153,7 @@ class Coupled:
         self.compliance.refactor(self.blocks.rotations())
 
     def _attempt(
-        self, first: Guess, goal: tuple[Vector, Vector, Vector | None], allowed: int
+        self, first: Guess, goal: tuple[Floats, Floats, Floats | None], allowed: int
     ) -> tuple[Bodies, StepReport]:
         """Iterate from `first`, whose bodies are moved, until converged or `allowed` corrections were made."""
         position, rotation, held_shift_m = goal
@@ -189,7 +185,7 @@ class Coupled:
         advance(bodies.needle_x, bodies.needle_R, bodies.needle_move)
         return Guess(bodies, channel.force_n[elements] + channel.force_change_n[elements], channel.mode[elements])
 
-    def _move_held(self, x: Vector, shift_m: Vector) -> None:
+    def _move_held(self, x: Floats, shift_m: Floats) -> None:
         """Put the held nodes exactly where they are prescribed; in the first iterate all others go along with them."""
         held = self.tissue.unknown < 0
         places = self.channel_model.rest_m[held] + shift_m
@@ -239,7 +235,7 @@ class Coupled:
         self.slide = np.zeros(2)
         self.compliance.sync(channel)
 
-    def _balls(self) -> tuple[Indices, Vector, Indices]:
+    def _balls(self) -> tuple[Ints, Floats, Ints]:
         return self.channel.nodes, self.channel.weights, self.channel.touched
 
     def _evaluate(self) -> tuple[float, float, float]:
@@ -321,7 +317,7 @@ class Coupled:
         friction = 0.0 if self.contact else self.interaction.friction
         return law_residual(local, self.mode, self.sign, self.extra, self.base_friction, friction)
 
-    def linear_response(self) -> tuple[Vector, Vector]:
+    def linear_response(self) -> tuple[Floats, Floats]:
         """(3a, 3a) m/N compliance in local frames, and the needle's nodal moves (n, 6, 3a) per world force on it."""
         a, m = len(self.elements), self.needle.elements
         self.needle_factor = factor_blocks(self.diag[1:], self.upper[1:], self.lower[1:])
@@ -363,7 +359,7 @@ class Coupled:
         self._move_tissue(tissue_step, change)
         return True
 
-    def _laws(self, w: Vector, gap: Vector, force: Vector, new_force: Vector, new_arc: Vector) -> bool:
+    def _laws(self, w: Floats, gap: Floats, force: Floats, new_force: Floats, new_arc: Floats) -> bool:
         return solve_laws(
             w,
             gap,
@@ -383,7 +379,7 @@ class Coupled:
             new_arc,
         )
 
-    def _move_tissue(self, step: Single, change: Vector) -> None:
+    def _move_tissue(self, step: Singles, change: Floats) -> None:
         full = np.zeros((self.channel.count, 3), np.float32)
         columns = self.compliance.columns[: self.channel.count].reshape(3 * self.channel.count, -1)
         with np.errstate(over="ignore", invalid="ignore"):  # a diverging step is named when it is evaluated
@@ -391,6 +387,6 @@ class Coupled:
             step += full.ravel() @ columns
         move_nodes(self.tissue.unknown, step, self.bodies.x)
 
-    def base_wrench(self) -> Vector:
+    def base_wrench(self) -> Floats:
         """(6,) N, N m of the robot on the needle's base, at the last evaluated state."""
         return np.asarray(-self.needle_rest[0])

@@ -11,13 +11,14 @@ from typing import Any
 
 import numpy as np
 
+from simcore.arrays import Floats
 from simcore.errors import NeedlebenchError, Problem, ScenarioError
 from simcore.file_names import located
 from simcore.learning.elm import ExtremeLearningMachine
 from simcore.learning.linear import LinearModel
 from simcore.learning.mlp import MultilayerPerceptron
 from simcore.learning.neighbours import NearestNeighbours
-from simcore.learning.regressor import SCALES, Arrays, DataError, Regressor, Vector
+from simcore.learning.regressor import SCALES, Arrays, DataError, Regressor
 
 FORMAT = "needlebench/model"
 VERSION = 1
@@ -109,7 +110,7 @@ def _arrays(found: Any, regressor: Regressor) -> Arrays:
     return arrays
 
 
-def _array(name: str, value: Any, shape: tuple[int, ...]) -> Vector:
+def _array(name: str, value: Any, shape: tuple[int, ...]) -> Floats:
     try:
         array = np.array(value, dtype=np.float64)
     except (TypeError, ValueError):

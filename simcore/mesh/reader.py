@@ -22,15 +22,12 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from simcore.arrays import Floats, Ints
 from simcore.errors import Problem, ScenarioError
 from simcore.file_names import located
 from simcore.mesh.quality import fault_of_mesh
 from simcore.mesh.tet_mesh import TetMesh
-
-Vector = NDArray[np.float64]
-Indices = NDArray[np.int64]
 
 FORMATS = {
     ".msh": ("gmsh", "ansys"),
@@ -158,7 +155,7 @@ def _read_quietly(path: Path, kind: str) -> Any:
         return meshio.read(path, file_format=kind)
 
 
-def _tetrahedra(raw: Any) -> tuple[Vector, Indices]:
+def _tetrahedra(raw: Any) -> tuple[Floats, Ints]:
     """Points (n, 3) in the file's unit and linear tetrahedra (t, 4) into them."""
     points = np.asarray(raw.points)
     solids = [block for block in raw.cells if block.type.startswith(SOLIDS)]
@@ -180,7 +177,7 @@ def _tetrahedra(raw: Any) -> tuple[Vector, Indices]:
     return points.astype(np.float64), cells
 
 
-def _set(raw: Any, name: str, used: Indices, file: str) -> Indices:
+def _set(raw: Any, name: str, used: Ints, file: str) -> Ints:
     """The nodes of a named set, numbered as in the mesh. Raises ScenarioError for a name that the file has not."""
     found = next((nodes for nodes in (look(raw, name) for look in LOOKUPS) if nodes is not None), None)
     if found is None:
@@ -188,7 +185,7 @@ def _set(raw: Any, name: str, used: Indices, file: str) -> Indices:
         more = f" and {len(known) - NAMES_SHOWN} more" if len(known) > NAMES_SHOWN else ""
         has = ", ".join(known[:NAMES_SHOWN]) + more if known else "no names"
         raise ScenarioError([Problem("tissue.fixed_sets", name, f"is not in {file}, which has {has}")])
-    inside: Indices = np.flatnonzero(np.isin(used, found))
+    inside: Ints = np.flatnonzero(np.isin(used, found))
     if not len(inside):
         raise ScenarioError(
             [Problem("tissue.fixed_sets", name, f"is empty: it holds no node of a tetrahedron of {file}")]
@@ -206,25 +203,25 @@ def _known(raw: Any) -> list[str]:
     return [*raw.point_sets, *sorted({*cell_sets, *raw.field_data}), *numbered]
 
 
-def _nodes_of_cells(raw: Any, chosen: Callable[[int, Any], Any]) -> Indices | None:
+def _nodes_of_cells(raw: Any, chosen: Callable[[int, Any], Any]) -> Ints | None:
     """Nodes of the cells that `chosen` (block number, block) -> mask or indices picks; None for no cell at all."""
     picked = [np.asarray(block.data)[chosen(i, block)].ravel() for i, block in enumerate(raw.cells)]
     nodes = np.concatenate(picked) if picked else np.zeros(0, np.int64)
     return np.unique(nodes) if len(nodes) else None
 
 
-def _node_set(raw: Any, name: str) -> Indices | None:
+def _node_set(raw: Any, name: str) -> Ints | None:
     return np.asarray(raw.point_sets[name]) if name in raw.point_sets else None
 
 
-def _cell_set(raw: Any, name: str) -> Indices | None:
+def _cell_set(raw: Any, name: str) -> Ints | None:
     if name not in raw.cell_sets:
         return None
     members = [np.zeros(0, np.int64) if m is None else np.asarray(m, np.int64) for m in raw.cell_sets[name]]
     return _nodes_of_cells(raw, lambda i, block: members[i])
 
 
-def _physical_group(raw: Any, name: str) -> Indices | None:
+def _physical_group(raw: Any, name: str) -> Ints | None:
     if name not in raw.field_data or "gmsh:physical" not in raw.cell_data:
         return None
     tag, dimension = (int(number) for number in raw.field_data[name])
@@ -232,18 +229,18 @@ def _physical_group(raw: Any, name: str) -> Indices | None:
     return _nodes_of_cells(raw, lambda i, block: (np.asarray(tags[i]) == tag) & (block.dim == dimension))
 
 
-def _numbered(raw: Any, name: str) -> Indices | None:
+def _numbered(raw: Any, name: str) -> Ints | None:
     key, equals, number = name.rpartition("=")
     if not equals or not number.lstrip("-").isdecimal():
         return None
     return _where(raw, key, lambda values: values == int(number))
 
 
-def _marked(raw: Any, name: str) -> Indices | None:
+def _marked(raw: Any, name: str) -> Ints | None:
     return _where(raw, name, lambda values: values != 0)
 
 
-def _where(raw: Any, key: str, test: Callable[[Any], Any]) -> Indices | None:
+def _where(raw: Any, key: str, test: Callable[[Any], Any]) -> Ints | None:
     if key in raw.point_data and np.ndim(raw.point_data[key]) == 1:
         return np.flatnonzero(test(np.asarray(raw.point_data[key])))
     if key in raw.cell_data and all(np.ndim(values) == 1 for values in raw.cell_data[key]):

@@ -10,18 +10,16 @@ import math
 from dataclasses import dataclass, field
 
 import numpy as np
-from numpy.typing import NDArray
 
+from simcore.arrays import Floats
 from simcore.compiled import kernel
 from simcore.errors import Status
 from simcore.needle.beam import internal
 from simcore.rotations import compose, exp_map, log_map, project_rotation
 from simcore.scenario.scenario import Needle
 
-Vector = NDArray[np.float64]
 
-
-def _no_rest_frames() -> Vector:
+def _no_rest_frames() -> Floats:
     return np.zeros((0, 2, 3, 3))
 
 
@@ -42,7 +40,7 @@ class NeedleModel:
     shear_parameter: float  # phi = 12 EI / (k G A l^2), l the element length
     outer_radius_m: float
     # (elements, 2, 3, 3): rest element frame, in the frames of its two nodes at rest; empty = straight
-    rest_frames: Vector = field(default_factory=_no_rest_frames, repr=False, compare=False)
+    rest_frames: Floats = field(default_factory=_no_rest_frames, repr=False, compare=False)
 
     def __post_init__(self) -> None:
         for name in ("length_m", "elements", "axial_n", "bending_nm2", "torsion_nm2"):
@@ -58,7 +56,7 @@ class NeedleModel:
         return self.length_m / self.elements
 
     @property
-    def constants(self) -> tuple[float, float, float, float, float, Vector]:
+    def constants(self) -> tuple[float, float, float, float, float, Floats]:
         """What `beam.internal` takes between the state and its outputs."""
         section = (self.axial_n, self.bending_nm2, self.torsion_nm2)
         return (self.element_length_m, *section, self.shear_parameter, self.rest_frames)
@@ -74,7 +72,7 @@ class NeedleModel:
         torsion_nm2: float,
         shear_n: float,
         outer_radius_m: float,
-        rest_frames: Vector | None = None,
+        rest_frames: Floats | None = None,
     ) -> NeedleModel:
         """From section stiffnesses EA, EI, GJ and kGA (`shear_n`, N; infinite = rigid in shear)."""
         _require_positive("length_m", length_m)
@@ -133,7 +131,7 @@ def cowper_coefficient(ratio: float, poisson: float) -> float:
     return 6.0 * (1.0 + poisson) * spread / ((7.0 + 6.0 * poisson) * spread + (20.0 + 12.0 * poisson) * ratio**2)
 
 
-def straight(model: NeedleModel, base_position: Vector, base_rotation: Vector) -> tuple[Vector, Vector]:
+def straight(model: NeedleModel, base_position: Floats, base_rotation: Floats) -> tuple[Floats, Floats]:
     """Stress-free x (n+1, 3) m, R (n+1, 3, 3) of a straight needle at the base pose (3,) m, (3, 3), world."""
     s = np.linspace(0.0, model.length_m, model.elements + 1)
     x = np.asarray(base_position, dtype=float) + s[:, None] * np.asarray(base_rotation, dtype=float)[:, 2]
@@ -141,7 +139,7 @@ def straight(model: NeedleModel, base_position: Vector, base_rotation: Vector) -
 
 
 @kernel
-def advance(x: Vector, R: Vector, dq: Vector) -> None:
+def advance(x: Floats, R: Floats, dq: Floats) -> None:
     """Move the state in place by dq (n+1, 6) m, rad: x += dx, R <- exp(dw) R, re-orthonormalised."""
     for i in range(len(x)):
         turned = project_rotation(compose(exp_map(dq[i, 3:]), R[i]))
@@ -152,7 +150,7 @@ def advance(x: Vector, R: Vector, dq: Vector) -> None:
 
 
 @kernel
-def increments(x: Vector, R: Vector, x_new: Vector, R_new: Vector) -> Vector:
+def increments(x: Floats, R: Floats, x_new: Floats, R_new: Floats) -> Floats:
     """(n+1, 6) m, rad: what `advance` needs to carry the state x, R to x_new, R_new."""
     out = np.empty((len(x), 6))
     for i in range(len(x)):
@@ -163,7 +161,7 @@ def increments(x: Vector, R: Vector, x_new: Vector, R_new: Vector) -> Vector:
     return out
 
 
-def rigid_move(x: Vector, R: Vector, position: Vector, rotation: Vector) -> None:
+def rigid_move(x: Floats, R: Floats, position: Floats, rotation: Floats) -> None:
     """Carry the state rigidly, in place, with its base to `position` (3,) m, `rotation` (3, 3), world."""
     turn = rotation @ R[0].T
     x[:] = position + (x - x[0]) @ turn.T
@@ -172,7 +170,7 @@ def rigid_move(x: Vector, R: Vector, position: Vector, rotation: Vector) -> None
 
 
 @kernel
-def _add_product(sign: float, block: Vector, source: Vector, target: Vector) -> None:
+def _add_product(sign: float, block: Floats, source: Floats, target: Floats) -> None:
     """target (6, m) += sign * block (6, 6) source (6, m)."""
     for a in range(6):
         b0, b1, b2 = sign * block[a, 0], sign * block[a, 1], sign * block[a, 2]
@@ -184,7 +182,7 @@ def _add_product(sign: float, block: Vector, source: Vector, target: Vector) -> 
 
 
 @kernel
-def _invert(block: Vector, work: Vector, out: Vector) -> None:
+def _invert(block: Floats, work: Floats, out: Floats) -> None:
     """Inverse of block (6, 6) into out by Gauss-Jordan with row pivoting; work (6, 12) is scratch."""
     for i in range(6):
         for c in range(6):
@@ -211,7 +209,7 @@ def _invert(block: Vector, work: Vector, out: Vector) -> None:
 
 
 @kernel
-def factor_blocks(diag: Vector, upper: Vector, lower: Vector) -> tuple[Vector, Vector]:
+def factor_blocks(diag: Floats, upper: Floats, lower: Floats) -> tuple[Floats, Floats]:
     """Block LU of a block tridiagonal matrix of n diagonal blocks, laid out as the outputs of `internal`.
 
     diag: (n, 6, 6); upper, lower: (n - 1, 6, 6). Returns the inverses (n, 6, 6) of the pivot blocks and the
@@ -233,7 +231,7 @@ def factor_blocks(diag: Vector, upper: Vector, lower: Vector) -> tuple[Vector, V
 
 
 @kernel
-def solve_blocks(inverses: Vector, multipliers: Vector, upper: Vector, rhs: Vector) -> None:
+def solve_blocks(inverses: Floats, multipliers: Floats, upper: Floats, rhs: Floats) -> None:
     """Replace rhs (n, 6, m) by the solutions of its m systems.
 
     inverses, multipliers: from `factor_blocks`; upper: (n - 1, 6, 6), as given to it.
@@ -257,14 +255,14 @@ class StaticSolution:
     """End of a static solve; x and R are the equilibrium only if `status` is COMPLETED."""
 
     status: Status
-    x: Vector  # (n+1, 3) m, world
-    R: Vector  # (n+1, 3, 3)
+    x: Floats  # (n+1, 3) m, world
+    R: Floats  # (n+1, 3, 3)
     iterations: int
     residual: float  # largest component of the last residual, N or N m
 
 
 def solve_static(
-    model: NeedleModel, x: Vector, R: Vector, external: Vector, *, tolerance: float, max_iterations: int = 30
+    model: NeedleModel, x: Floats, R: Floats, external: Floats, *, tolerance: float, max_iterations: int = 30
 ) -> StaticSolution:
     """Newton's method for the free nodes under dead loads `external` (n+1, 6) N, N m, world; the base stays.
 

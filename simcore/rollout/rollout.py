@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 from threadpoolctl import threadpool_limits
 
+from simcore.arrays import Floats
 from simcore.controllers import Observation, make_controller
 from simcore.controllers.plant_model import make_model
 from simcore.errors import ModelFailure, Status
@@ -28,7 +29,6 @@ from simcore.rotations import quaternion_from_matrix
 from simcore.scenario.scenario import Scenario
 from simcore.trajectory import held_noise, polyline_distance_m, targets
 
-Vector = NDArray[np.float64]
 Clock = Callable[[], float]
 
 NOISE_HOLD_S = 0.01
@@ -191,9 +191,9 @@ class _Loop:
         self.jacobian_s = self.clock() - started
         return response
 
-    def _target(self, step: int) -> Vector:
+    def _target(self, step: int) -> Floats:
         """n_traj(t_step) (3,) m, world; a path in the tissue frame is carried by the deforming tissue."""
-        rest: Vector = self.targets_m[step]
+        rest: Floats = self.targets_m[step]
         if self.scenario.trajectory.frame == "world":
             return rest
         return self.insertion.carried(self.state, rest)
@@ -249,7 +249,7 @@ class _Loop:
         )
         return sealed(record)
 
-    def _shaft(self) -> Vector:
+    def _shaft(self) -> Floats:
         needle, b = self.insertion.needle, self.state.bodies
         points = SHAFT_POINTS_PER_BEAM * needle.elements + 1
         return shaft_polyline(b.needle_x, b.needle_R, needle.element_length_m, points)

@@ -7,9 +7,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from simcore.arrays import Floats
 from simcore.rollout.records import Scene, StepRecord
-
-Vector = NDArray[np.float64]
 
 _COPIED = (
     "t_s",
@@ -43,7 +42,7 @@ class SeriesBuilder:
         self.rows: dict[str, list[Any]] = {name: [] for name in (*_COPIED, *_TIMED)}
         self.lateral_sum_n: list[float] = []
         self.lateral_resultant_n: list[float] = []
-        self.frames: list[Vector] = []
+        self.frames: list[Floats] = []
         self.frame_steps: list[int] = []
 
     def add(self, record: StepRecord, recording_s: float) -> None:
@@ -60,7 +59,7 @@ class SeriesBuilder:
             self.frames.append(record.tissue_m)
             self.frame_steps.append(record.step)
 
-    def arrays(self, last_tissue_m: Vector) -> dict[str, NDArray[Any]]:
+    def arrays(self, last_tissue_m: Floats) -> dict[str, NDArray[Any]]:
         """The content of series.npz; the last good tissue state is always its last frame."""
         last_step = len(self.rows["t_s"]) - 1
         if self.frame_steps[-1] != last_step:
@@ -93,11 +92,11 @@ class SeriesBuilder:
         }
 
 
-def lateral_forces(record: StepRecord) -> Vector:
+def lateral_forces(record: StepRecord) -> Floats:
     """(a, 3) N: point forces across the straight line from base to tip."""
     axis = record.tip_m - record.base_position_m
     axis = axis / np.linalg.norm(axis)
-    across: Vector = record.point_forces_n - np.outer(record.point_forces_n @ axis, axis)
+    across: Floats = record.point_forces_n - np.outer(record.point_forces_n @ axis, axis)
     return across
 
 

@@ -5,17 +5,14 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from simcore.arrays import Floats, Ints
 from simcore.errors import Problem, ScenarioError
 from simcore.mesh.reader import digest_of, load_mesh
 from simcore.mesh.tet_mesh import TetMesh
 from simcore.scenario.blocks import Tissue
 from simcore.tissue.model import free_node_order, half_bandwidth, held_nodes
 from simcore.trajectory import Path
-
-Vector = NDArray[np.float64]
-Indices = NDArray[np.int64]
 
 ON_SURFACE_MM = 0.05  # how far the entry may be from the surface, and the path outside it
 PATH_STEP_MM = 0.5  # between the points of the path that are looked at
@@ -56,7 +53,7 @@ def _fixed_problems(mesh: TetMesh, tissue: Tissue) -> list[Problem]:
     return _factor_problems(mesh, tissue, held)
 
 
-def _factor_problems(mesh: TetMesh, tissue: Tissue, held: Indices) -> list[Problem]:
+def _factor_problems(mesh: TetMesh, tissue: Tissue, held: Ints) -> list[Problem]:
     unknown = free_node_order(mesh, held)
     megabytes = 4e-6 * 3 * np.count_nonzero(unknown >= 0) * (half_bandwidth(mesh.tets, unknown) + 1)
     if megabytes <= MAXIMUM_FACTOR_MB:
@@ -93,5 +90,5 @@ def path_problems(tissue: Tissue, path: Path) -> list[Problem]:
     return [Problem("trajectory.target_mm", end, allowed)]
 
 
-def _mm(point_m: Vector) -> str:
+def _mm(point_m: Floats) -> str:
     return "[" + ", ".join(f"{1e3 * value:.4f}" for value in point_m) + "]"

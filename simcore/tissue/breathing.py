@@ -13,11 +13,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from simcore.arrays import Floats
 from simcore.scenario.scenario import Breathing, Still
-
-Vector = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
@@ -26,7 +24,7 @@ class BreathingMotion:
 
     amplitude_m: float
     period_s: float
-    direction: Vector
+    direction: Floats
 
     @classmethod
     def from_scenario(cls, motion: Still | Breathing) -> BreathingMotion | None:
@@ -36,8 +34,8 @@ class BreathingMotion:
         direction = np.array(motion.direction)
         return cls(motion.amplitude_mm * 1e-3, motion.period_s, direction / np.linalg.norm(direction))
 
-    def shift_m(self, t_s: float) -> Vector:
+    def shift_m(self, t_s: float) -> Floats:
         """(3,) m, world: displacement of every held node from the reference shape at time t."""
         share = np.sin(np.pi * ((t_s / self.period_s) % 1.0)) ** 2
-        shift: Vector = 2.0 * self.amplitude_m * share * self.direction
+        shift: Floats = 2.0 * self.amplitude_m * share * self.direction
         return shift

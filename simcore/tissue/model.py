@@ -12,15 +12,12 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from simcore.arrays import Floats, Ints, Singles
 from simcore.compiled import kernel
 from simcore.mesh.mesh import Mesh, box_mesh
 from simcore.mesh.reader import load_mesh
 from simcore.scenario.blocks import Tissue
-
-Vector = NDArray[np.float64]
-Indices = NDArray[np.int64]
 
 POLAR_ITERATIONS = 30
 
@@ -39,10 +36,10 @@ class TissueModel:
     lambda_pa: float
     mass_damping_per_s: float
     stiffness_damping_s: float
-    gradients: Vector
-    volumes_m3: Vector
-    masses_kg: Vector
-    unknown: Indices
+    gradients: Floats
+    volumes_m3: Floats
+    masses_kg: Floats
+    unknown: Ints
     band: int
 
     @property
@@ -79,13 +76,13 @@ def mesh_of(tissue: Tissue) -> Mesh:
     return load_mesh(tissue.mesh_file, unit_mm=tissue.mesh_unit_mm, names=tissue.fixed_sets, sha256=tissue.mesh_sha256)
 
 
-def held_nodes(mesh: Mesh, tissue: Tissue) -> Indices:
+def held_nodes(mesh: Mesh, tissue: Tissue) -> Ints:
     """The nodes of the scenario's fixed faces and sets, in ascending order."""
     parts = [*(mesh.faces[face] for face in tissue.fixed_faces), *(mesh.sets[name] for name in tissue.fixed_sets)]
     return np.unique(np.concatenate(parts))
 
 
-def shape_gradients(nodes_m: Vector, tets: Indices) -> tuple[Vector, Vector]:
+def shape_gradients(nodes_m: Floats, tets: Ints) -> tuple[Floats, Floats]:
     """grad N_a (t, 4, 3) 1/m and volumes (t,) m3 of linear tetrahedra at rest."""
     edges = nodes_m[tets[:, 1:]] - nodes_m[tets[:, :1]]
     volumes = np.linalg.det(edges) / 6.0
@@ -93,14 +90,14 @@ def shape_gradients(nodes_m: Vector, tets: Indices) -> tuple[Vector, Vector]:
     return np.concatenate([-inner.sum(axis=1, keepdims=True), inner], axis=1), volumes
 
 
-def lumped_masses(mesh: Mesh, volumes_m3: Vector, density_kg_m3: float) -> Vector:
+def lumped_masses(mesh: Mesh, volumes_m3: Floats, density_kg_m3: float) -> Floats:
     """(n,) kg: a quarter of each tetrahedron's mass to each of its nodes."""
     masses = np.zeros(len(mesh.nodes_m))
     np.add.at(masses, mesh.tets, np.repeat(density_kg_m3 * volumes_m3 / 4.0, 4).reshape(-1, 4))
     return masses
 
 
-def free_node_order(mesh: Mesh, held: Indices) -> Indices:
+def free_node_order(mesh: Mesh, held: Ints) -> Ints:
     """(n,) rank of each free node in the order of the factor, the one of narrowest band; -1 if held."""
     ranks = []
     for free in mesh.node_orders(held):
@@ -110,7 +107,7 @@ def free_node_order(mesh: Mesh, held: Indices) -> Indices:
     return min(ranks, key=lambda unknown: half_bandwidth(mesh.tets, unknown))
 
 
-def half_bandwidth(tets: Indices, unknown: Indices) -> int:
+def half_bandwidth(tets: Ints, unknown: Ints) -> int:
     """Largest distance of two coupled degrees of freedom."""
     ranks = unknown[tets]
     largest = np.where(ranks < 0, -1, ranks).max(axis=1)
@@ -119,7 +116,7 @@ def half_bandwidth(tets: Indices, unknown: Indices) -> int:
 
 
 @kernel
-def polar_rotation(f: Vector, r: Vector) -> bool:
+def polar_rotation(f: Floats, r: Floats) -> bool:
     """Exact rotation of F = R S by Newton's method, from the guess in r; False if it found none.
 
     f, r: (9,) row-major. With B = R^T F, the increment w of R <- R cay(w) solves (tr(S) I - S) w = 2 axial(B),
@@ -168,7 +165,7 @@ def polar_rotation(f: Vector, r: Vector) -> bool:
 
 
 @kernel
-def cold_polar_rotation(f: Vector, r: Vector) -> None:
+def cold_polar_rotation(f: Floats, r: Floats) -> None:
     """Rotation of F by the singular value decomposition, reflections removed: the fallback of the warm start."""
     u, _, vt = np.linalg.svd(f.copy().reshape(3, 3))
     if np.linalg.det(u) * np.linalg.det(vt) < 0.0:
@@ -181,14 +178,14 @@ def cold_polar_rotation(f: Vector, r: Vector) -> None:
 
 @kernel
 def elastic_forces(
-    x: Vector,
-    tets: Indices,
-    gradients: Vector,
-    volumes: Vector,
+    x: Floats,
+    tets: Ints,
+    gradients: Floats,
+    volumes: Floats,
     mu: float,
     lam: float,
-    rotations: Vector,
-    forces: Vector,
+    rotations: Floats,
+    forces: Floats,
 ) -> tuple[float, float]:
     """Forces that hold the tissue in place, (n, 3) N, written; returns (min det F, elastic energy in J).
 
@@ -227,14 +224,14 @@ def elastic_forces(
 
 @kernel
 def rotated_stiffness_times(
-    v: Vector,
-    tets: Indices,
-    gradients: Vector,
-    volumes: Vector,
+    v: Floats,
+    tets: Ints,
+    gradients: Floats,
+    volumes: Floats,
     mu: float,
     lam: float,
-    rotations: Vector,
-    out: Vector,
+    rotations: Floats,
+    out: Floats,
 ) -> None:
     """out = sum R_e K_e R_e^T v, (n, 3), K_e the linear stiffness: out_a = V R (2 mu eps + lambda tr(eps) I) grad N_a
     with eps = sym(R^T grad v). Used for the stiffness-proportional damping."""
@@ -262,16 +259,16 @@ def rotated_stiffness_times(
 
 @kernel
 def assemble_band(
-    tets: Indices,
-    gradients: Vector,
-    volumes: Vector,
+    tets: Ints,
+    gradients: Floats,
+    volumes: Floats,
     mu: float,
     lam: float,
-    rotations: Vector,
-    unknown: Indices,
+    rotations: Floats,
+    unknown: Ints,
     scale: float,
-    diagonal: Vector,
-    band: NDArray[np.float32],
+    diagonal: Floats,
+    band: Singles,
 ) -> None:
     """Lower band of scale * sum R_e K_e R_e^T + diag(diagonal), written: band[i - j, j] = A[i, j].
 
