@@ -13,7 +13,8 @@ from simcore.errors import NeedlebenchError, Status
 from simcore.insertion.insertion import Insertion
 from simcore.mesh.mesh import BoxMesh
 from simcore.rollout.records import Scene, StepRecord
-from simcore.rollout.rollout import Rollout, run
+from simcore.rollout.result import Rollout
+from simcore.rollout.rollout import run
 from simcore.scenario.scenario import Scenario
 
 Vector = NDArray[np.float64]

@@ -19,7 +19,8 @@ from simcore.controllers import plant_model as model
 from simcore.insertion import compliance, insertion, solver
 from simcore.rollout import rollout, series
 from simcore.rollout.records import Scene, StepRecord
-from simcore.rollout.rollout import Rollout, run
+from simcore.rollout.result import Rollout
+from simcore.rollout.rollout import run
 from simcore.scenario.scenario import Scenario
 
 PYTHON = "Python between the kernels"

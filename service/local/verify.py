@@ -19,7 +19,7 @@ from simcore.provenance import provenance
 
 if TYPE_CHECKING:
     from simcore.rollout.records import Observer
-    from simcore.rollout.rollout import Rollout
+    from simcore.rollout.result import Rollout
 
 EQUAL_MM = 1e-6  # of the tip's path: what another processor or library may change in a stable run
 Arrays = Mapping[str, NDArray[Any]]
@@ -143,7 +143,7 @@ def compare(result: Mapping[str, Any], series: Arrays | None, again: Rollout) ->
 
 def first_difference(before: Arrays, now: Arrays) -> Difference | None:
     """The first row in which an array that has one row a step differs, the tip's path before others of that row."""
-    from simcore.rollout.rollout import UNDIGESTED
+    from simcore.rollout.result import UNDIGESTED
 
     found = []
     for name in sorted(before.keys() & now.keys() - set(UNDIGESTED), key=lambda name: (name != "tip_m", name)):

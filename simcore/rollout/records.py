@@ -10,7 +10,7 @@ import numpy as np
 from simcore.arrays import Floats, Ints
 
 if TYPE_CHECKING:
-    from simcore.rollout.rollout import Rollout
+    from simcore.rollout.result import Rollout
     from simcore.scenario.scenario import Scenario
 
 Shown = TypeVar("Shown", "Scene", "StepRecord")

@@ -2,15 +2,11 @@
 
 from __future__ import annotations
 
-import hashlib
 import time
 from collections.abc import Callable
-from dataclasses import dataclass
 from functools import cache
-from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 from threadpoolctl import threadpool_limits
 
 from simcore.arrays import Floats
@@ -21,9 +17,9 @@ from simcore.insertion.insertion import Insertion, Pose
 from simcore.insertion.jacobian_fast import Linearisation, lateral_offset
 from simcore.metrics import metrics
 from simcore.needle.shaft import shaft_polyline
-from simcore.provenance import provenance
 from simcore.robot import limited_pose
 from simcore.rollout.records import Observer, Scene, Silent, StepRecord, StepTiming, sealed
+from simcore.rollout.result import Rollout
 from simcore.rollout.series import SeriesBuilder
 from simcore.rotations import quaternion_from_matrix
 from simcore.scenario.scenario import Scenario
@@ -33,55 +29,6 @@ Clock = Callable[[], float]
 
 NOISE_HOLD_S = 0.01
 SHAFT_POINTS_PER_BEAM = 3
-UNDIGESTED = ("plant_s", "jacobian_s", "command_s", "recording_s", "tissue_m", "tissue_frame_step")
-
-
-@dataclass(frozen=True)
-class Rollout:
-    """One finished run: how it ended, what happened, what it is worth, how long it took."""
-
-    scenario: Scenario
-    status: Status
-    message: str
-    series: dict[str, NDArray[Any]]
-    metrics: dict[str, Any]
-    timing: dict[str, Any]
-    solver: dict[str, Any]
-
-    @property
-    def success(self) -> bool:
-        """Completed, reached the end, never lost the target (see `metrics`)."""
-        return bool(self.metrics["success"])
-
-    @property
-    def digest(self) -> str:
-        """SHA-256 over the state series and the last tissue positions, names and shapes included; timings left out."""
-        return digest(self.series)
-
-    def result(self) -> dict[str, Any]:
-        """The content of result.json."""
-        return {
-            "status": str(self.status),
-            "message": self.message,
-            "metrics": self.metrics,
-            "timing": self.timing,
-            "solver": self.solver,
-            "digest": self.digest,
-            "warnings": self.scenario.warnings(),
-            "provenance": provenance(self.scenario.resolved()),
-        }
-
-
-def digest(series: dict[str, NDArray[Any]]) -> str:
-    """SHA-256 of a series' state arrays in the order of their names."""
-    state = {name: array for name, array in series.items() if name not in UNDIGESTED}
-    state["tissue_last_m"] = series["tissue_m"][-1]
-    hashed = hashlib.sha256()
-    for name in sorted(state):
-        array = np.ascontiguousarray(state[name])
-        hashed.update(f"{name}{array.dtype.str}{array.shape}".encode())
-        hashed.update(array.tobytes())
-    return hashed.hexdigest()
 
 
 @cache

@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from simcore.arrays import Floats
 from simcore.rollout.records import Scene, StepRecord
+from simcore.rollout.result import FRAMES, TIMES
 
 _COPIED = (
     "t_s",
@@ -31,7 +32,6 @@ _COPIED = (
     "min_det_f",
     "max_displacement_m",
 )
-_TIMED = ("plant_s", "jacobian_s", "command_s", "recording_s")
 
 
 class SeriesBuilder:
@@ -39,7 +39,7 @@ class SeriesBuilder:
 
     def __init__(self, scene: Scene) -> None:
         self.scene = scene
-        self.rows: dict[str, list[Any]] = {name: [] for name in (*_COPIED, *_TIMED)}
+        self.rows: dict[str, list[Any]] = {name: [] for name in (*_COPIED, *TIMES)}
         self.lateral_sum_n: list[float] = []
         self.lateral_resultant_n: list[float] = []
         self.frames: list[Floats] = []
@@ -49,7 +49,7 @@ class SeriesBuilder:
         """Take one record; the records of a run own their arrays."""
         for name in _COPIED:
             self.rows[name].append(getattr(record, name))
-        for name in _TIMED[:-1]:
+        for name in TIMES[:-1]:
             self.rows[name].append(getattr(record.timing, name))
         self.rows["recording_s"].append(recording_s)
         lateral = lateral_forces(record)
@@ -71,13 +71,12 @@ class SeriesBuilder:
             "lateral_resultant_n": np.array(self.lateral_resultant_n),
             "tissue_rest_m": self.scene.tissue_rest_m,
             "tissue_tets": self.scene.tissue_tets,
-            "tissue_m": np.array(self.frames),
-            "tissue_frame_step": np.array(self.frame_steps),
+            **dict(zip(FRAMES, (np.array(self.frames), np.array(self.frame_steps)), strict=True)),
         }
 
     def timing(self, *, wall_s: float, simulated_s: float) -> dict[str, Any]:
         """Median, p95, p99 and maximum in ms of each part of a step, and the real-time factor of the loop."""
-        parts = {name.removesuffix("_s"): summary_ms(self.rows[name][1:]) for name in _TIMED}
+        parts = {name.removesuffix("_s"): summary_ms(self.rows[name][1:]) for name in TIMES}
         factor = simulated_s / wall_s if wall_s > 0.0 else None
         return {**parts, "loop_wall_s": wall_s, "simulated_s": simulated_s, "realtime_factor": factor}
 

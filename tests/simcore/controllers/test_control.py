@@ -22,7 +22,8 @@ from simcore.errors import Status
 from simcore.insertion.insertion import Insertion
 from simcore.insertion.jacobian_fast import linearise
 from simcore.robot import limited_pose
-from simcore.rollout.rollout import Rollout, run
+from simcore.rollout.result import Rollout
+from simcore.rollout.rollout import run
 from simcore.rotations import log_map, matrix_from_quaternion
 from simcore.scenario.scenario import InverseFem, Scenario
 from tests.verification import verify

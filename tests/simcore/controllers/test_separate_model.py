@@ -10,7 +10,8 @@ import pytest
 from simcore.controllers.plant_model import Separate, model_scenario
 from simcore.errors import ScenarioError, Status
 from simcore.rollout.records import StepRecord
-from simcore.rollout.rollout import Rollout, run
+from simcore.rollout.result import Rollout
+from simcore.rollout.rollout import run
 from simcore.scenario.presets import preset, with_changes
 from simcore.scenario.scenario import InverseFem, Scenario, SeparateModel, SharedModel
 from tests.simcore.block import block_scenario

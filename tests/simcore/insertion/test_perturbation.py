@@ -15,7 +15,8 @@ from simcore.insertion.jacobian_exact import linearise_exactly
 from simcore.insertion.jacobian_fast import Linearisation
 from simcore.insertion.jacobian_perturbation import Perturbation
 from simcore.rollout.records import Silent
-from simcore.rollout.rollout import Rollout, _Loop, run
+from simcore.rollout.result import Rollout
+from simcore.rollout.rollout import _Loop, run
 from simcore.scenario.scenario import Scenario
 from tests.simcore.block import AHEAD, advanced, block_scenario, curved_pose
 from tests.verification import verify

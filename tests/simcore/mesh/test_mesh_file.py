@@ -17,7 +17,8 @@ from simcore.errors import Problem, ScenarioError, Status
 from simcore.file_names import names_mean, nothing
 from simcore.mesh.mesh import BoxMesh, box_mesh
 from simcore.mesh.reader import MAXIMUM_MB, load_mesh
-from simcore.rollout.rollout import Rollout, run
+from simcore.rollout.result import Rollout
+from simcore.rollout.rollout import run
 from simcore.scenario.mesh_rules import MAXIMUM_FACTOR_MB
 from simcore.scenario.scenario import Scenario
 from simcore.tissue.model import TissueModel, held_nodes

@@ -20,7 +20,8 @@ from simcore.metrics import MEASURED
 from simcore.rollout import rollout as module
 from simcore.rollout.artefacts import write
 from simcore.rollout.records import Scene, StepRecord
-from simcore.rollout.rollout import UNDIGESTED, Rollout, digest, run
+from simcore.rollout.result import UNDIGESTED, Rollout, digest
+from simcore.rollout.rollout import run
 from simcore.scenario.scenario import Scenario
 from tests.simcore.short_run import LINE, STEPS, replay, short
 from tests.strategies import small_runs

@@ -10,7 +10,8 @@ import numpy as np
 import pytest
 
 from simcore.insertion.insertion import Insertion
-from simcore.rollout.rollout import Rollout, run
+from simcore.rollout.result import Rollout
+from simcore.rollout.rollout import run
 from simcore.trajectory import polyline_distance_m
 from tests.simcore.block import Vector, block_scenario, moved
 
