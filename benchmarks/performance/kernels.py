@@ -14,6 +14,7 @@ from simcore.errors import Status
 from simcore.insertion.insertion import Insertion, InsertionState, Pose
 from simcore.needle.beam import internal
 from simcore.rollout.rollout import compile_kernels
+from simcore.scenario.build import insertion_of
 from simcore.scenario.scenario import Scenario
 
 ROUNDS = 30
@@ -48,7 +49,7 @@ def micro(tools: Tools) -> Part:
 
 def half_way(scenario: Scenario) -> tuple[Insertion, InsertionState]:
     """The plant with the straight needle pushed along the path's first tangent to half its length."""
-    insertion, path = Insertion(scenario), scenario.path()
+    insertion, path = insertion_of(scenario), scenario.path()
     tangent = path.first_tangent()
     state = insertion.initial_state(tangent)
     start = insertion.initial_base(tangent)

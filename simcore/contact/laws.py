@@ -14,10 +14,27 @@ A mode numbers the staircase from behind: 0 = first level, 1 = first breakpoint,
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 
 from simcore.arrays import Floats, Ints
 from simcore.compiled import kernel
+
+
+@dataclass(frozen=True)
+class ContactLaw:
+    """Forces between needle and tissue.
+
+    friction: Coulomb's coefficient. adhesion_n_per_m: shaft force per inserted length without pressure, tau0.
+    cutting_n: axial force at which the tip cuts. puncture_n: normal force at which the surface is punctured.
+    """
+
+    friction: float
+    adhesion_n_per_m: float
+    cutting_n: float
+    puncture_n: float
+
 
 FORCE_SLACK_N = 1e-9  # above the rounding of the dense solve, far below every force tolerance
 MODE_SWEEPS = 200

@@ -11,9 +11,10 @@ from simcore.controllers.ifem import damped_inverse
 from simcore.controllers.plant_model import model_scenario
 from simcore.controllers.remote_centre import pose_through
 from simcore.errors import ModelFailure, Status
-from simcore.insertion.insertion import Insertion, Pose
+from simcore.insertion.insertion import InsertionState, Pose
 from simcore.insertion.jacobian_fast import linearise
 from simcore.rotations import skew
+from simcore.scenario.build import insertion_of
 from simcore.scenario.scenario import FrozenJacobian, Scenario
 
 STEP_M = 0.5e-3  # advance of the own insertion: quasi-static, its end does not depend on the pace
@@ -50,16 +51,21 @@ def straight_jacobian(settings: FrozenJacobian, scenario: Scenario) -> Floats:
     Raises ModelFailure when the insertion does not converge.
     """
     scenario = model_scenario(scenario, settings.model)
-    path, insertion = scenario.path(), Insertion(scenario)
+    path, insertion = scenario.path(), insertion_of(scenario)
     tangent = path.first_tangent()
     depth_m = min(settings.depth_mm * 1e-3, float(np.linalg.norm(path.chord)))
-    state = insertion.initial_state(tangent)
+    state = _completed(insertion.initial_state(tangent))
     first = state.base
     for advance_m in np.linspace(0.0, depth_m, max(2, round(depth_m / STEP_M)))[1:]:
-        state = insertion.step(state, Pose(first.position_m + advance_m * tangent, first.rotation))
-        if state.report.status is not Status.COMPLETED:
-            raise ModelFailure(state.report.status, f"insertion for the frozen Jacobian: {state.report.message}")
+        state = _completed(insertion.step(state, Pose(first.position_m + advance_m * tangent, first.rotation)))
     tip = linearise(insertion, state).tip
     reach_m = float(np.linalg.norm(insertion.entry_m - state.base.position_m))
     following: Floats = tip[:, :3] - tip[:, 3:] @ skew(tangent) / reach_m
     return following
+
+
+def _completed(state: InsertionState) -> InsertionState:
+    """The state itself. Raises ModelFailure for a step that failed."""
+    if state.report.status is not Status.COMPLETED:
+        raise ModelFailure(state.report.status, f"insertion for the frozen Jacobian: {state.report.message}")
+    return state

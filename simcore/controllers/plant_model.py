@@ -10,6 +10,7 @@ from simcore.insertion.insertion import Insertion, InsertionState
 from simcore.insertion.jacobian_exact import linearise_exactly
 from simcore.insertion.jacobian_fast import Linearisation, linearise
 from simcore.insertion.jacobian_perturbation import Perturbation
+from simcore.scenario.build import insertion_of
 from simcore.scenario.scenario import InverseFem, Scenario, SeparateModel
 
 LastStep = Callable[[], tuple[InsertionState, InsertionState]]
@@ -40,7 +41,7 @@ class Separate:
 
     def __init__(self, scenario: Scenario, settings: InverseFem, model: SeparateModel) -> None:
         scenario = model_scenario(scenario, model)
-        self.insertion = Insertion(scenario)
+        self.insertion = insertion_of(scenario)
         self.derivative = derivative(self.insertion, settings)
         self.state = self.insertion.initial_state(scenario.path().first_tangent())
 

@@ -181,7 +181,7 @@ def _friction_rows(c: Coupled, slides: Flags, turn: Floats, dc: Floats, rows: Fl
     lateral = c.force - along[:, None] * tau
     size = np.linalg.norm(lateral, axis=1)
     normal = lateral / np.where(size > 0.0, size, 1.0)[:, None]
-    pull = c.sign[np.arange(a), c.mode // 2] * c.interaction.friction
+    pull = c.sign[np.arange(a), c.mode // 2] * c.law.friction
     by_turn = ((size + pull * along) / np.linalg.norm(dc, axis=1))[:, None] * normal
     law = np.einsum("ib,ibk->ik", by_turn, turn)
     own = np.arange(a)
@@ -215,7 +215,7 @@ def _subtract_lengths(
     channel, longer, now = c.channel, np.zeros(c.channel.count), np.zeros(c.channel.count)
     for out, length in ((longer, c.inserted_m + TRIBUTARY_STEP_M), (now, c.inserted_m)):
         tributary_lengths(channel.depth_m, channel.active, channel.count, length, out)
-    growth = (c.adhesion_n_per_m / TRIBUTARY_STEP_M) * (longer - now)[c.elements]
+    growth = (c.law.adhesion_n_per_m / TRIBUTARY_STEP_M) * (longer - now)[c.elements]
     for i in np.flatnonzero(slides):
         pull = c.sign[i, c.mode[i] // 2] * growth[i]
         rows[3 * len(slides) + i] -= pull * inserted
@@ -232,7 +232,7 @@ def _surface_rows(c: Coupled, rows: Floats, per_ball: Floats) -> None:
         rows[2], per_ball[2] = force[2], 0.0
     if not c.slide.any():
         return
-    mu, distance = c.interaction.friction, float(np.hypot(*c.gap[0, :2]))
+    mu, distance = c.law.friction, float(np.hypot(*c.gap[0, :2]))
     across = np.eye(2) - np.outer(c.slide, c.slide)
     pressure = float(c.frames[0, 2] @ c.force[0])
     by_gap = mu * pressure / distance * across if distance > 0.0 else np.zeros((2, 2))

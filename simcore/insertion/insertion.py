@@ -2,16 +2,13 @@
 
 from __future__ import annotations
 
-from copy import copy
 from dataclasses import dataclass, replace
-from functools import cached_property
 
 import numpy as np
 
 from simcore.arrays import Floats
 from simcore.contact.channel import (
     Channel,
-    ChannelModel,
     Phase,
     advance_end,
     puncture,
@@ -19,15 +16,13 @@ from simcore.contact.channel import (
     slide_contact,
 )
 from simcore.errors import Status
+from simcore.insertion.model import CoupledModel, Tolerances
 from simcore.insertion.solver import Bodies, Coupled, Guess, StepReport
-from simcore.mesh.mesh import MaterialPoints
 from simcore.needle.model import NeedleModel, increments, straight
 from simcore.rotations import exp_map
-from simcore.scenario.scenario import Scenario, Solver
 from simcore.tissue.breathing import BreathingMotion
 from simcore.tissue.model import TissueModel
 
-PATH_POINTS_APART_M = 0.5e-3  # of the carried path; the chords of a 1 mm sine over 120 mm then miss it by 0.1 um
 OUTSIDE_M = 1e-3  # a contact point or channel end farther than this outside the rest shape has left the tissue
 RE_ENTRY_MISS_M = 2e-3  # a re-entering tip farther than this from its channel has left it
 
@@ -66,26 +61,22 @@ class InsertionState:
 
 
 class Insertion:
-    """Needle, tissue and their interaction for one scenario. `step` leaves its argument as it was."""
+    """Needle, tissue and their interaction . `step` leaves its argument as it was."""
 
-    def __init__(self, scenario: Scenario) -> None:
-        self.scenario = scenario
-        self.tissue = TissueModel.from_scenario(scenario.tissue)
-        self.needle = NeedleModel.from_scenario(scenario.needle)
-        self.entry_m = np.array(scenario.trajectory.entry_mm) * 1e-3
-        interaction = scenario.interaction
-        assert interaction.spacing_mm is not None
-        self.channel_model = ChannelModel.of(
-            spacing_m=interaction.spacing_mm * 1e-3,
-            spread_m=interaction.spread_mm * 1e-3,
-            longest_m=self.needle.length_m,
-            mesh=self.tissue.mesh,
-            entry_m=self.entry_m,
-        )
-        self.coupled = Coupled(
-            self.tissue, self.needle, self.channel_model, interaction, scenario.solver, scenario.dt_s
-        )
-        self.motion = BreathingMotion.from_scenario(scenario.motion)
+    def __init__(self, model: CoupledModel, *, entry_m: Floats, motion: BreathingMotion | None = None) -> None:
+        """entry_m: (3,) m, on the surface. motion: of the held nodes; None = they stay."""
+        self.model, self.entry_m, self.motion = model, entry_m, motion
+        self.coupled = Coupled(model)
+
+    @property
+    def tissue(self) -> TissueModel:
+        """The tissue's constants."""
+        return self.model.tissue
+
+    @property
+    def needle(self) -> NeedleModel:
+        """The needle's constants."""
+        return self.model.needle
 
     def initial_base(self, tangent: Floats) -> Pose:
         """Base pose of the straight needle that waits along `tangent` (3,), unit, with its tip at the entry."""
@@ -98,7 +89,7 @@ class Insertion:
         x, R = straight(self.needle, base.position_m, base.rotation)
         rest = self.tissue.mesh.nodes_m
         bodies = Bodies(rest.copy(), np.zeros_like(rest), x, R, np.zeros((len(x), 6)))
-        channel = Channel.at_surface(self.channel_model, self.entry_m, self.needle.length_m)
+        channel = Channel.at_surface(self.model.channel, self.entry_m, self.needle.length_m)
         _, report = self.coupled.solve(bodies, channel, base.position_m, base.rotation)
         nothing = np.zeros((0, 3))
         self._last = InsertionState(bodies, channel, np.zeros(6), 0.0, nothing, nothing, report)
@@ -136,18 +127,13 @@ class Insertion:
         bodies, report = self._solve(state, channel, base, guess)
         if report.status is Status.COMPLETED and self._punctures():
             channel = state.channel.copy()
-            puncture(channel, self.channel_model)
+            puncture(channel, self.model.channel)
             bodies, report = self._solve(state, channel, base)
         return channel, bodies, report
 
-    def twin(self, solver: Solver) -> Insertion:
-        """The same model with work arrays of its own and another solver tolerance: steps of it leave this one alone."""
-        twin = copy(self)
-        twin.scenario = self.scenario.model_copy(update={"solver": solver})
-        twin.coupled = Coupled(
-            self.tissue, self.needle, self.channel_model, self.scenario.interaction, solver, self.scenario.dt_s
-        )
-        return twin
+    def with_tolerances(self, tolerances: Tolerances) -> Insertion:
+        """The same bodies with work arrays of their own and other tolerances: steps of it leave this one alone."""
+        return Insertion(replace(self.model, tolerances=tolerances), entry_m=self.entry_m, motion=self.motion)
 
     def solved(self, state: InsertionState) -> Coupled:
         """The coupled problem as it was solved for `state`, to linearise it. Only the last step is at hand."""
@@ -155,28 +141,18 @@ class Insertion:
             raise ValueError("only the step that was solved last can be linearised")
         return self.coupled
 
-    def carried(self, state: InsertionState, rest_m: Floats) -> Floats:
+    def material_point_position(self, state: InsertionState, rest_m: Floats) -> Floats:
         """(3,) m, world: where the tissue point at `rest_m` is now, by the shape functions of its tetrahedron."""
         nodes, weights = self.tissue.mesh.locate(rest_m)
         moved: Floats = rest_m + weights @ (state.bodies.x[nodes] - self.tissue.mesh.nodes_m[nodes])
         return moved
 
-    def carried_path(self, state: InsertionState) -> Floats:
-        """(k, 3) m, world: the scenario's path as the tissue carries it now, at most 0.5 mm between points at rest."""
-        return self._path_material.positions(state.bodies.x, self.tissue.mesh.nodes_m)
-
-    @cached_property
-    def _path_material(self) -> MaterialPoints:
-        path = self.scenario.path()
-        pieces = int(np.ceil(path.length_m / PATH_POINTS_APART_M))
-        return self.tissue.mesh.material(path.point(np.linspace(0.0, path.length_m, pieces + 1)))
-
     def _solve(
         self, state: InsertionState, channel: Channel, base: Pose, guess: Guess | None = None
     ) -> tuple[Bodies, StepReport]:
-        shift = self.motion.shift_m((state.steps + 1) * self.scenario.dt_s) if self.motion else None
+        shift = self.motion.shift_m((state.steps + 1) * self.model.dt_s) if self.motion else None
         bodies, report = self.coupled.solve(state.bodies, channel, base.position_m, base.rotation, shift, guess)
-        bodies.v = (bodies.x - state.bodies.x) / self.scenario.dt_s
+        bodies.v = (bodies.x - state.bodies.x) / self.model.dt_s
         old = state.bodies
         bodies.needle_move = increments(old.needle_x, old.needle_R, bodies.needle_x, bodies.needle_R)
         return bodies, report
@@ -186,7 +162,7 @@ class Insertion:
 
     def _settle(self, channel: Channel, bodies: Bodies, report: StepReport) -> StepReport:
         """After convergence: store forces and arc lengths, cut, create, drop and take up elements."""
-        c, model, tip = self.coupled, self.channel_model, bodies.needle_x[-1]
+        c, model, tip = self.coupled, self.model.channel, bodies.needle_x[-1]
         channel.force_change_n[:] = 0.0
         channel.force_change_n[c.elements] = c.force - channel.force_n[c.elements]
         channel.force_n[c.elements] = c.force

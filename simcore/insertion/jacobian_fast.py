@@ -82,8 +82,8 @@ def _force_response(c: Coupled, w: Floats, shaft_moves: Floats) -> Floats:
     matrix, right = np.empty((3 * a, 3 * a)), np.empty(3 * a)
     system_rows(
         w, c.gap, c.arc, c.speed, force, force, c.mode, c.breaks, c.sign, c.extra, c.base_friction,
-        0.0 if c.contact else c.interaction.friction, c.slide, c.contact and bool(c.slide.any()),
-        c.interaction.friction, matrix, right,
+        0.0 if c.contact else c.law.friction, c.slide, c.contact and bool(c.slide.any()),
+        c.law.friction, matrix, right,
     )  # fmt: skip
     local = np.einsum("iab,ibk->iak", c.frames, shaft_moves)
     local[c.mode % 2 == 0, 2] = 0.0  # a sliding element's force does not depend on where it slides

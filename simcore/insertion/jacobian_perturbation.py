@@ -18,14 +18,14 @@ from simcore.contact.channel import Phase
 from simcore.errors import ModelFailure, Status
 from simcore.insertion.insertion import Insertion, InsertionState, Pose
 from simcore.insertion.jacobian_fast import Linearisation, base_response, lateral_offset
+from simcore.insertion.model import Tolerances
 from simcore.insertion.solver import Bodies, Coupled, Guess
 from simcore.needle.model import advance, increments
 from simcore.rotations import exp_map
-from simcore.scenario.scenario import Solver
 
 # Jacobians along `sine` then miss fully converged ones by at most 1e-5, a twentieth of what one-sided differences do
 FORCE_TOLERANCE_N = 1e-7  # times the compliance under one node, about 30 mm/N, it is the violation below
-VIOLATION_TOLERANCE_MM = 3e-6
+VIOLATION_TOLERANCE_M = 3e-9
 
 
 class Perturbation:
@@ -33,7 +33,7 @@ class Perturbation:
 
     def __init__(self, insertion: Insertion, *, shift_m: float, lever_arm_m: float) -> None:
         """shift_m: move of each translation; a rotation moves a point at the lever arm as far."""
-        self.insertion, self.probe = insertion, insertion.twin(tight(insertion.scenario.solver))
+        self.insertion, self.probe = insertion, insertion.with_tolerances(tight(insertion.model.tolerances))
         self.shift_m, self.lever_arm_m = shift_m, lever_arm_m
         self.beyond: dict[int, Beyond] = {}
 
@@ -132,11 +132,10 @@ class Beyond:
         return Guess(bodies, linear.force_n + self.forces[c.elements], linear.mode)
 
 
-def tight(solver: Solver) -> Solver:
-    """The solver's settings with the tolerances that differences need."""
-    return solver.model_copy(
-        update={
-            "force_tolerance_n": min(solver.force_tolerance_n, FORCE_TOLERANCE_N),
-            "violation_tolerance_mm": min(solver.violation_tolerance_mm, VIOLATION_TOLERANCE_MM),
-        }
+def tight(tolerances: Tolerances) -> Tolerances:
+    """As tight as differences need, with as many iterations."""
+    return replace(
+        tolerances,
+        force_n=min(tolerances.force_n, FORCE_TOLERANCE_N),
+        violation_m=min(tolerances.violation_m, VIOLATION_TOLERANCE_M),
     )

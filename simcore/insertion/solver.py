@@ -15,10 +15,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from simcore.arrays import Floats, Ints, Singles
-from simcore.contact.channel import Channel, ChannelModel, Phase, inserted_rest_length, tributary_lengths
+from simcore.contact.channel import Channel, Phase, inserted_rest_length, tributary_lengths
 from simcore.contact.kernels import (
     constraint_geometry,
-    frame_along,
     local_compliance,
     move_nodes,
     moved_shaft,
@@ -33,12 +32,12 @@ from simcore.contact.kernels import (
 from simcore.contact.laws import law_residual, solve_laws, staircases
 from simcore.errors import Status
 from simcore.insertion.compliance import Compliance, NotPositiveDefinite
+from simcore.insertion.model import CoupledModel
 from simcore.needle.beam import internal
-from simcore.needle.model import NeedleModel, advance, factor_blocks, solve_blocks
+from simcore.needle.model import advance, factor_blocks, solve_blocks
 from simcore.rotations import log_map
-from simcore.scenario.scenario import Interaction, Solver
 from simcore.tissue.force_blocks import ForceBlocks
-from simcore.tissue.model import TissueModel, rotated_stiffness_times
+from simcore.tissue.model import rotated_stiffness_times
 
 LEAST_DET_F = 0.1  # below it a tetrahedron counts as inverted
 FIRST_TRY = 12  # iterations with the kept factor before it is renewed
@@ -88,29 +87,24 @@ class Guess:
 class Coupled:
     """The coupled problem of one step, with its work arrays: residuals, geometry, condensed solve."""
 
-    def __init__(
-        self,
-        tissue: TissueModel,
-        needle: NeedleModel,
-        channel_model: ChannelModel,
-        interaction: Interaction,
-        solver: Solver,
-        dt_s: float,
-    ) -> None:
-        self.tissue, self.needle, self.channel_model = tissue, needle, channel_model
-        self.interaction, self.solver, self.dt_s = interaction, solver, dt_s
-        self.adhesion_n_per_m = interaction.adhesion_n_per_mm * 1e3
+    def __init__(self, model: CoupledModel) -> None:
+        self.model = model
+        self.tissue, self.needle, self.channel_model = tissue, needle, channel_model = (
+            model.tissue,
+            model.needle,
+            model.channel,
+        )
+        self.law, self.tolerances, self.dt_s = model.law, model.tolerances, model.dt_s
         n, m = len(tissue.mesh.nodes_m), needle.elements
         self.blocks = ForceBlocks(tissue)
-        self.compliance = Compliance(tissue, dt_s, channel_model.capacity)
+        self.compliance = Compliance(tissue, model.dt_s, channel_model.capacity)
         self.held, self.damping = np.zeros((n, 3)), np.zeros((n, 3))
         self.right = np.zeros(tissue.unknowns)
         self.needle_forces, self.needle_rest = np.zeros((m + 1, 6)), np.zeros((m + 1, 6))
         self.diag, self.upper = np.zeros((m + 1, 6, 6)), np.zeros((m, 6, 6))
         self.lower = np.zeros((m, 6, 6))
         self.tributary = np.zeros(channel_model.capacity)
-        self.surface_frame = np.empty((3, 3))
-        frame_along(channel_model.inward, self.surface_frame)
+        self.surface_frame = model.surface_frame
 
     # -- one step -----------------------------------------------------------------------------------------------------
 
@@ -134,14 +128,14 @@ class Coupled:
         self.start, self.channel = start, channel
         goal = (position, rotation, held_shift_m)
         first = self._extrapolated() if guess is None else guess
-        bodies, report = self._attempt(first, goal, min(FIRST_TRY, self.solver.max_iterations))
-        if report.status in (Status.COMPLETED, Status.INVERTED) or report.iterations >= self.solver.max_iterations:
+        bodies, report = self._attempt(first, goal, min(FIRST_TRY, self.tolerances.max_iterations))
+        if report.status in (Status.COMPLETED, Status.INVERTED) or report.iterations >= self.tolerances.max_iterations:
             return bodies, report
         try:
             self._renew_factor()
         except NotPositiveDefinite as error:
             return bodies, replace(report, status=Status.NOT_POSITIVE_DEFINITE, message=str(error))
-        left = self.solver.max_iterations - report.iterations
+        left = self.tolerances.max_iterations - report.iterations
         elements = channel.active_elements()
         again_from = Guess(start.copy(), channel.force_n[elements], channel.mode[elements])
         bodies, again = self._attempt(again_from, goal, left)
@@ -172,8 +166,8 @@ class Coupled:
             if iteration < allowed and not self._correct():
                 return bodies, replace(report, status=Status.NOT_CONVERGED, message="no consistent contact state")
         message = (
-            f"residual {residual:.3g} N (allowed {self.solver.force_tolerance_n:g}), "
-            f"violation {violation * 1e3:.3g} mm (allowed {self.solver.violation_tolerance_mm:g}), "
+            f"residual {residual:.3g} N (allowed {self.tolerances.force_n:g}), "
+            f"violation {violation * 1e3:.3g} mm (allowed {self.tolerances.violation_m * 1e3:g}), "
             f"law {law:.3g} N after {allowed} iterations"
         )
         return bodies, replace(report, status=Status.NOT_CONVERGED, message=message)
@@ -195,8 +189,8 @@ class Coupled:
     def _converged(self, residual: float, violation: float, law: float) -> bool:
         return (
             not self.base_gap.any()
-            and max(residual, law) <= self.solver.force_tolerance_n
-            and violation <= self.solver.violation_tolerance_mm * 1e-3
+            and max(residual, law) <= self.tolerances.force_n
+            and violation <= self.tolerances.violation_m
         )
 
     def _checked(self, report: StepReport) -> StepReport:
@@ -220,8 +214,8 @@ class Coupled:
             elements,
             channel.arc_m[elements],
             self.needle.length_m,
-            self.interaction.cutting_n,
-            self.interaction.puncture_n,
+            self.law.cutting_n,
+            self.law.puncture_n,
             self.mode,
             self.breaks,
             self.steps,
@@ -303,7 +297,7 @@ class Coupled:
         project_inactive(c.count, c.active, *place, length, self.all_arcs)
         self.inserted_m = inserted_rest_length(c.depth_m, self.all_arcs, c.count, self.needle.length_m)
         tributary_lengths(c.depth_m, c.active, c.count, self.inserted_m, self.tributary)
-        self.base_friction = self.adhesion_n_per_m * self.tributary[self.elements]
+        self.base_friction = self.law.adhesion_n_per_m * self.tributary[self.elements]
 
     def _violation(self) -> float:
         if not len(self.elements):
@@ -314,7 +308,7 @@ class Coupled:
     def _law_residual(self) -> float:
         """Largest distance of an axial force from its level (sliding elements), N."""
         local = to_local(self.frames, self.force)
-        friction = 0.0 if self.contact else self.interaction.friction
+        friction = 0.0 if self.contact else self.law.friction
         return law_residual(local, self.mode, self.sign, self.extra, self.base_friction, friction)
 
     def linear_response(self) -> tuple[Floats, Floats]:
@@ -372,7 +366,7 @@ class Coupled:
             self.sign,
             self.extra,
             self.base_friction,
-            self.interaction.friction,
+            self.law.friction,
             self.contact,
             self.slide,
             new_force,

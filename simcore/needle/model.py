@@ -16,7 +16,6 @@ from simcore.compiled import kernel
 from simcore.errors import Status
 from simcore.needle.beam import internal
 from simcore.rotations import compose, exp_map, log_map, project_rotation
-from simcore.scenario.scenario import Needle
 
 
 def _no_rest_frames() -> Floats:
@@ -26,6 +25,18 @@ def _no_rest_frames() -> Floats:
 def _require_positive(name: str, value: float) -> None:
     if not 0.0 < value < math.inf:
         raise ValueError(f"{name} = {value!r}: must be finite and above 0")
+
+
+@dataclass(frozen=True)
+class Tube:
+    """A straight elastic tube of equal beams; inner diameter 0 = solid."""
+
+    length_m: float
+    elements: int
+    outer_diameter_m: float
+    inner_diameter_m: float
+    young_pa: float
+    poisson: float
 
 
 @dataclass(frozen=True)
@@ -83,42 +94,22 @@ class NeedleModel:
         return cls(length_m, elements, axial_n, bending_nm2, torsion_nm2, phi, outer_radius_m, rest_frames)
 
     @classmethod
-    def from_tube(
-        cls,
-        *,
-        length_m: float,
-        elements: int,
-        outer_diameter_m: float,
-        inner_diameter_m: float,
-        young_pa: float,
-        poisson: float,
-    ) -> NeedleModel:
-        """A circular tube (inner diameter 0 = solid), with Cowper's shear coefficient."""
-        if not 0.0 <= inner_diameter_m < outer_diameter_m:
-            raise ValueError(f"inner_diameter_m = {inner_diameter_m!r}: must be 0 to below {outer_diameter_m!r}")
-        area = math.pi / 4.0 * (outer_diameter_m**2 - inner_diameter_m**2)
-        second_moment = math.pi / 64.0 * (outer_diameter_m**4 - inner_diameter_m**4)
-        shear_pa = young_pa / (2.0 * (1.0 + poisson))
+    def from_tube(cls, tube: Tube) -> NeedleModel:
+        """A circular tube, with Cowper's shear coefficient. Raises ValueError for diameters that make no tube."""
+        outer, inner = tube.outer_diameter_m, tube.inner_diameter_m
+        if not 0.0 <= inner < outer:
+            raise ValueError(f"inner_diameter_m = {inner!r}: must be 0 to below {outer!r}")
+        area = math.pi / 4.0 * (outer**2 - inner**2)
+        second_moment = math.pi / 64.0 * (outer**4 - inner**4)
+        shear_pa = tube.young_pa / (2.0 * (1.0 + tube.poisson))
         return cls.from_section(
-            length_m=length_m,
-            elements=elements,
-            axial_n=young_pa * area,
-            bending_nm2=young_pa * second_moment,
+            length_m=tube.length_m,
+            elements=tube.elements,
+            axial_n=tube.young_pa * area,
+            bending_nm2=tube.young_pa * second_moment,
             torsion_nm2=shear_pa * 2.0 * second_moment,
-            shear_n=cowper_coefficient(inner_diameter_m / outer_diameter_m, poisson) * shear_pa * area,
-            outer_radius_m=0.5 * outer_diameter_m,
-        )
-
-    @classmethod
-    def from_scenario(cls, needle: Needle) -> NeedleModel:
-        """The needle of a scenario."""
-        return cls.from_tube(
-            length_m=needle.length_mm * 1e-3,
-            elements=needle.elements,
-            outer_diameter_m=needle.outer_diameter_mm * 1e-3,
-            inner_diameter_m=needle.inner_diameter_mm * 1e-3,
-            young_pa=needle.young_gpa * 1e9,
-            poisson=needle.poisson,
+            shear_n=cowper_coefficient(inner / outer, tube.poisson) * shear_pa * area,
+            outer_radius_m=0.5 * outer,
         )
 
 

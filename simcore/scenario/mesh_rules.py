@@ -8,10 +8,10 @@ import numpy as np
 
 from simcore.arrays import Floats, Ints
 from simcore.errors import Problem, ScenarioError
+from simcore.mesh.numbering import free_node_order, half_bandwidth, held_nodes
 from simcore.mesh.reader import digest_of, load_mesh
 from simcore.mesh.tet_mesh import TetMesh
 from simcore.scenario.blocks import Tissue
-from simcore.tissue.model import free_node_order, half_bandwidth, held_nodes
 from simcore.trajectory import Path
 
 ON_SURFACE_MM = 0.05  # how far the entry may be from the surface, and the path outside it
@@ -44,7 +44,7 @@ def _fixed_problems(mesh: TetMesh, tissue: Tissue) -> list[Problem]:
         return [Problem("tissue.fixed_faces", face, allowed) for face in absent]
     if not tissue.fixed_faces and not tissue.fixed_sets:
         return [Problem("tissue.fixed_sets", [], "must name at least one set, where tissue.fixed_faces names no face")]
-    held = held_nodes(mesh, tissue)
+    held = held_nodes(mesh, tissue.fixed_faces, tissue.fixed_sets)
     name, value = ("fixed_sets", tissue.fixed_sets) if tissue.fixed_sets else ("fixed_faces", tissue.fixed_faces)
     if np.linalg.matrix_rank(mesh.nodes_m[held] - mesh.nodes_m[held[0]], tol=1e-6) < 2:
         return [Problem(f"tissue.{name}", list(value), f"holds {len(held)} nodes; at least 3 not on a line are needed")]
@@ -74,7 +74,7 @@ def path_problems(tissue: Tissue, path: Path) -> list[Problem]:
             f"must lie on the mesh's surface within {ON_SURFACE_MM:g} mm; {_mm(nearest)} does, {apart:.3g} mm away"
         )
         return [Problem("trajectory.entry_mm", entry, allowed)]
-    if np.isin(mesh.surface_triangles[triangle], held_nodes(mesh, tissue)).all():
+    if np.isin(mesh.surface_triangles[triangle], held_nodes(mesh, tissue.fixed_faces, tissue.fixed_sets)).all():
         return [Problem("trajectory.entry_mm", entry, "must not lie on a held part of the surface")]
     inward = mesh.inward_normal(path.entry_m)
     if path.first_tangent() @ inward <= 0.0:

@@ -15,7 +15,6 @@ from dataclasses import dataclass
 import numpy as np
 
 from simcore.arrays import Floats
-from simcore.scenario.scenario import Breathing, Still
 
 
 @dataclass(frozen=True)
@@ -25,14 +24,6 @@ class BreathingMotion:
     amplitude_m: float
     period_s: float
     direction: Floats
-
-    @classmethod
-    def from_scenario(cls, motion: Still | Breathing) -> BreathingMotion | None:
-        """The motion of a scenario; None if the held nodes stay where they are."""
-        if isinstance(motion, Still):
-            return None
-        direction = np.array(motion.direction)
-        return cls(motion.amplitude_mm * 1e-3, motion.period_s, direction / np.linalg.norm(direction))
 
     def shift_m(self, t_s: float) -> Floats:
         """(3,) m, world: displacement of every held node from the reference shape at time t."""

@@ -15,11 +15,21 @@ import numpy as np
 
 from simcore.arrays import Floats, Ints, Singles
 from simcore.compiled import kernel
-from simcore.mesh.mesh import Mesh, box_mesh
-from simcore.mesh.reader import load_mesh
-from simcore.scenario.blocks import Tissue
+from simcore.mesh.mesh import Mesh
+from simcore.mesh.numbering import free_node_order, half_bandwidth
 
 POLAR_ITERATIONS = 30
+
+
+@dataclass(frozen=True)
+class Material:
+    """Linear elasticity, mass, and Rayleigh damping C = alpha M + beta K; without mass and damping = quasi-static."""
+
+    young_pa: float
+    poisson: float
+    density_kg_m3: float = 0.0
+    rayleigh_mass_per_s: float = 0.0  # alpha
+    rayleigh_stiffness_s: float = 0.0  # beta
 
 
 @dataclass(frozen=True)
@@ -48,38 +58,23 @@ class TissueModel:
         return 3 * int(np.count_nonzero(self.unknown >= 0))
 
     @classmethod
-    def from_scenario(cls, tissue: Tissue) -> TissueModel:
-        """The tissue of a scenario. Raises ScenarioError for a mesh file that is no longer the one it names."""
-        mesh = mesh_of(tissue)
-        held = held_nodes(mesh, tissue)
-        young = tissue.young_kpa * 1e3
+    def of(cls, mesh: Mesh, held: Ints, material: Material) -> TissueModel:
+        """A body of this material in the shape of `mesh`, its nodes `held` (k,) held."""
         gradients, volumes = shape_gradients(mesh.nodes_m, mesh.tets)
         unknown = free_node_order(mesh, held)
+        young, poisson = material.young_pa, material.poisson
         return cls(
             mesh=mesh,
-            mu_pa=young / (2 * (1 + tissue.poisson)),
-            lambda_pa=young * tissue.poisson / ((1 + tissue.poisson) * (1 - 2 * tissue.poisson)),
-            mass_damping_per_s=tissue.rayleigh_mass_per_s,
-            stiffness_damping_s=tissue.rayleigh_stiffness_s,
+            mu_pa=young / (2 * (1 + poisson)),
+            lambda_pa=young * poisson / ((1 + poisson) * (1 - 2 * poisson)),
+            mass_damping_per_s=material.rayleigh_mass_per_s,
+            stiffness_damping_s=material.rayleigh_stiffness_s,
             gradients=gradients,
             volumes_m3=volumes,
-            masses_kg=lumped_masses(mesh, volumes, tissue.density_kg_m3),
+            masses_kg=lumped_masses(mesh, volumes, material.density_kg_m3),
             unknown=unknown,
             band=half_bandwidth(mesh.tets, unknown),
         )
-
-
-def mesh_of(tissue: Tissue) -> Mesh:
-    """The block, or the mesh from the scenario's file."""
-    if tissue.mesh_file is None:
-        return box_mesh(np.array(tissue.size_mm) * 1e-3, tissue.cells)
-    return load_mesh(tissue.mesh_file, unit_mm=tissue.mesh_unit_mm, names=tissue.fixed_sets, sha256=tissue.mesh_sha256)
-
-
-def held_nodes(mesh: Mesh, tissue: Tissue) -> Ints:
-    """The nodes of the scenario's fixed faces and sets, in ascending order."""
-    parts = [*(mesh.faces[face] for face in tissue.fixed_faces), *(mesh.sets[name] for name in tissue.fixed_sets)]
-    return np.unique(np.concatenate(parts))
 
 
 def shape_gradients(nodes_m: Floats, tets: Ints) -> tuple[Floats, Floats]:
@@ -95,24 +90,6 @@ def lumped_masses(mesh: Mesh, volumes_m3: Floats, density_kg_m3: float) -> Float
     masses = np.zeros(len(mesh.nodes_m))
     np.add.at(masses, mesh.tets, np.repeat(density_kg_m3 * volumes_m3 / 4.0, 4).reshape(-1, 4))
     return masses
-
-
-def free_node_order(mesh: Mesh, held: Ints) -> Ints:
-    """(n,) rank of each free node in the order of the factor, the one of narrowest band; -1 if held."""
-    ranks = []
-    for free in mesh.node_orders(held):
-        unknown = np.full(len(mesh.nodes_m), -1)
-        unknown[free] = np.arange(len(free))
-        ranks.append(unknown)
-    return min(ranks, key=lambda unknown: half_bandwidth(mesh.tets, unknown))
-
-
-def half_bandwidth(tets: Ints, unknown: Ints) -> int:
-    """Largest distance of two coupled degrees of freedom."""
-    ranks = unknown[tets]
-    largest = np.where(ranks < 0, -1, ranks).max(axis=1)
-    smallest = np.where(ranks < 0, np.iinfo(np.int64).max, ranks).min(axis=1)
-    return int(3 * (largest - smallest)[largest >= 0].max() + 2)
 
 
 @kernel

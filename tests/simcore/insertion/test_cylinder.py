@@ -17,6 +17,7 @@ from simcore.insertion.jacobian_exact import linearise_exactly
 from simcore.insertion.jacobian_perturbation import Perturbation
 from simcore.mesh.mesh import box_mesh
 from simcore.rollout.rollout import run
+from simcore.scenario.build import insertion_of
 from simcore.scenario.scenario import InverseFem, Scenario, SeparateModel
 from tests.simcore.block import TIGHT, moved
 
@@ -75,7 +76,7 @@ def test_a_separate_model_has_the_mesh_too(tmp_path: Path) -> None:
     assert isinstance(model, SeparateModel)
     assert model.element_size_mm == scenario.tissue.element_size_mm
     own = Separate(scenario, scenario.controller, model).insertion
-    np.testing.assert_array_equal(own.tissue.mesh.nodes_m, Insertion(scenario).tissue.mesh.nodes_m)
+    np.testing.assert_array_equal(own.tissue.mesh.nodes_m, insertion_of(scenario).tissue.mesh.nodes_m)
     assert own.tissue.mu_pa == pytest.approx(4000.0 / 2.8)
     assert Scenario.load(scenario.resolved()) == scenario
 
@@ -83,7 +84,7 @@ def test_a_separate_model_has_the_mesh_too(tmp_path: Path) -> None:
 def slanted_contact(folder: Path, normal: Vector) -> Insertion:
     """Entry in the middle of a triangle with the given normal; a skin too tough to be punctured."""
     entry = np.array([-24.3640, 43.7, -16.8416])
-    return Insertion(
+    return insertion_of(
         Scenario.load(
             cylinder_fields(
                 folder,

@@ -22,6 +22,7 @@ from simcore.insertion.insertion import Insertion, InsertionState, Pose
 from simcore.insertion.jacobian_exact import linearise_exactly
 from simcore.insertion.jacobian_fast import Linearisation, lateral_offset, linearise
 from simcore.robot import limited_pose
+from simcore.scenario.build import insertion_of, robot_limits
 from simcore.scenario.scenario import Scenario
 from simcore.trajectory import targets
 from tests.simcore.block import AHEAD, TIGHT, advanced, block_scenario, curved_pose, moved
@@ -103,7 +104,7 @@ def kind(request: pytest.FixtureRequest) -> str:
 @pytest.fixture(scope="module")
 def walk(kind: str) -> dict[str, Case]:
     """Push 48 mm on a curved way, reverse by a little, pull back past the first point, push again."""
-    insertion = Insertion(block_scenario(tissue=DAMPED if kind == "dynamic" else {}))
+    insertion = insertion_of(block_scenario(tissue=DAMPED if kind == "dynamic" else {}))
     before, state, base = pushed(insertion, 0.048, 96)
     cases = {"pushing": Case(insertion, before, base)}
     cases["reversed by 0.02 mm"] = Case(insertion, state, moved(base, np.array([1e-5, 2e-5, -2e-5])))
@@ -161,7 +162,7 @@ def controlled_scenario(kind: str, **controller: Any) -> Scenario:
 
 def depths(scenario: Scenario, depths_mm: tuple[float, ...]) -> list[Case]:
     """The steps of a controlled insertion that first reach each depth."""
-    insertion = Insertion(scenario)
+    insertion = insertion_of(scenario)
     path = scenario.path()
     goals = targets(path, speed_m_s=0.01, dt_s=scenario.dt_s, steps=scenario.steps)
     before = state = insertion.initial_state(path.first_tangent())
@@ -170,7 +171,7 @@ def depths(scenario: Scenario, depths_mm: tuple[float, ...]) -> list[Case]:
     cases: list[Case] = []
     for step, goal in enumerate(goals[:-1]):
         command = controller.command(Observation(step, state.base, state.tip_m.copy(), goal))
-        base, _ = limited_pose(state.base, command, scenario.robot, scenario.dt_s)
+        base, _ = limited_pose(state.base, command, robot_limits(scenario.robot), scenario.dt_s)
         before, state = state, advanced(insertion, state, base)
         if len(cases) < len(depths_mm) and state.inserted_m * 1e3 >= depths_mm[len(cases)]:
             cases.append(Case(insertion, before, base))
@@ -180,7 +181,7 @@ def depths(scenario: Scenario, depths_mm: tuple[float, ...]) -> list[Case]:
 
 def surface_contact(sideways_m: float, tilt_rad: float = 0.0) -> Case:
     """The tip presses 0.4 mm straight into the surface, then moves sideways; the contact's normal may be tilted."""
-    insertion = Insertion(block_scenario(interaction={"puncture_n": 0.3}))
+    insertion = insertion_of(block_scenario(interaction={"puncture_n": 0.3}))
     frame_along(np.array([0.0, np.sin(tilt_rad), np.cos(tilt_rad)]), insertion.coupled.surface_frame)
     first = insertion.initial_state(AHEAD)
     base = moved(first.base, np.array([0.0, 0.0, 4e-4]))
@@ -208,7 +209,7 @@ def test_surface_contact_before_puncture(sideways_m: float, tilt_rad: float, fas
 
 def test_breathing_tissue() -> None:
     """The prescribed motion of the held nodes is no unknown: the step is differentiated around it."""
-    insertion = Insertion(block_scenario(motion={"kind": "breathing", "amplitude_mm": 3.0, "period_s": 1.0}))
+    insertion = insertion_of(block_scenario(motion={"kind": "breathing", "amplitude_mm": 3.0, "period_s": 1.0}))
     before, _, base = pushed(insertion, 0.03, 60)
     exact, fast, _ = errors(Case(insertion, before, base))
     check("breathing tissue", exact, fast, fast_bound=0.042)
@@ -223,12 +224,12 @@ def test_surface_friction_opposes_the_slip() -> None:
     force, slip = c.force[0], -c.gap[0, :2]
     assert np.linalg.norm(slip) > 1e-4
     along = slip / np.linalg.norm(slip)
-    assert np.abs(force[:2] - c.interaction.friction * force[2] * along).max() < 1e-7 * force[2]
+    assert np.abs(force[:2] - c.law.friction * force[2] * along).max() < 1e-7 * force[2]
 
 
 def test_needle_in_the_air_moves_rigidly() -> None:
     """Contact lost: the tip follows the base as a rigid body, J = [I, -[tip - base]]."""
-    insertion = Insertion(block_scenario())
+    insertion = insertion_of(block_scenario())
     state = insertion.initial_state(AHEAD)
     state = advanced(insertion, state, moved(state.base, np.array([1e-4, 2e-4, -1e-3]), np.array([0.01, 0.02, 0.03])))
     arm = state.tip_m - state.base.position_m
@@ -238,7 +239,7 @@ def test_needle_in_the_air_moves_rigidly() -> None:
 
 
 def test_only_the_last_step_can_be_linearised() -> None:
-    insertion = Insertion(block_scenario())
+    insertion = insertion_of(block_scenario())
     first = insertion.initial_state(AHEAD)
     advanced(insertion, first, moved(first.base, np.array([0.0, 0.0, 1e-4])))
     with pytest.raises(ValueError, match="solved last"):
@@ -246,7 +247,7 @@ def test_only_the_last_step_can_be_linearised() -> None:
 
 
 def test_unfinished_iteration_is_a_named_failure(monkeypatch: pytest.MonkeyPatch) -> None:
-    insertion = Insertion(block_scenario())
+    insertion = insertion_of(block_scenario())
     _, state, _ = pushed(insertion, 5e-3, 10)
     monkeypatch.setattr(simcore.insertion.jacobian_exact, "MAX_ITERATIONS", 1)
     with pytest.raises(ModelFailure, match="exact Jacobian's residual is") as failure:

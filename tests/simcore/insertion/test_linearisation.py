@@ -9,6 +9,7 @@ import pytest
 
 from simcore.insertion.insertion import Insertion, InsertionState, Pose
 from simcore.insertion.jacobian_fast import Linearisation, lateral_offset, linearise
+from simcore.scenario.build import insertion_of
 from tests.simcore.block import AHEAD, advanced, block_scenario, curved_pose, moved
 from tests.verification import verify
 
@@ -46,7 +47,7 @@ class Case:
 
 def case(step: int, **blocks: dict[str, object]) -> Case:
     """Step number `step` of a curved push to 30 mm (steps 0 to 59) and pull of 5 mm (60 to 79)."""
-    insertion = Insertion(block_scenario(**blocks))
+    insertion = insertion_of(block_scenario(**blocks))
     state = insertion.initial_state(AHEAD)
     first = state.base
     for depth in PUSH_PULL_M[:step]:
@@ -110,7 +111,7 @@ def test_before_puncture(step: int, friction: float, bound: float) -> None:
 
 def test_a_free_needle_follows_rigidly() -> None:
     """Nothing touches: d tip = dX - (tip - X) x dw, from the base alone."""
-    insertion = Insertion(block_scenario())
+    insertion = insertion_of(block_scenario())
     start = insertion.initial_state(AHEAD)
     after = advanced(insertion, start, moved(start.base, np.array([1e-3, 2e-3, -0.02]), np.array([0.2, -0.1, 0.3])))
     arm = after.tip_m - after.base.position_m

@@ -17,6 +17,7 @@ from simcore.insertion.jacobian_perturbation import Perturbation
 from simcore.rollout.records import Silent
 from simcore.rollout.result import Rollout
 from simcore.rollout.rollout import _Loop, run
+from simcore.scenario.build import insertion_of
 from simcore.scenario.scenario import Scenario
 from tests.simcore.block import AHEAD, advanced, block_scenario, curved_pose
 from tests.verification import verify
@@ -35,7 +36,7 @@ def rows(response: Linearisation) -> Vector:
 
 def curved_insertion() -> tuple[Insertion, InsertionState, InsertionState]:
     """States before and after the last of 40 steps on a curved way; every element slips."""
-    insertion = Insertion(block_scenario())
+    insertion = insertion_of(block_scenario())
     before = state = insertion.initial_state(AHEAD)
     first = state.base
     for i in range(40):
@@ -80,7 +81,7 @@ def short_scenario(**controller: object) -> Scenario:
 
 
 def test_remote_centre_rows_are_off_before_the_puncture() -> None:
-    insertion = Insertion(block_scenario())
+    insertion = insertion_of(block_scenario())
     state = insertion.initial_state(AHEAD)
     response = Perturbation(insertion, shift_m=5e-5, lever_arm_m=LEVER_M).linearise(state, state)
     assert response.rcm is None

@@ -13,9 +13,9 @@ from scipy.spatial import Delaunay
 from simcore.contact.ball import Ball, weights_of_ball
 from simcore.mesh.bounding_tree import LEAF, BoundingTree
 from simcore.mesh.mesh import Mesh, box_mesh
+from simcore.mesh.numbering import free_node_order, half_bandwidth
 from simcore.mesh.quality import fault_of_mesh
 from simcore.mesh.tet_mesh import TetMesh
-from simcore.tissue.model import free_node_order, half_bandwidth
 
 Vector = NDArray[np.float64]
 Indices = NDArray[np.int64]

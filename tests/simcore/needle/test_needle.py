@@ -26,11 +26,12 @@ from simcore.needle.model import (
 )
 from simcore.needle.shaft import shaft_columns, shaft_frame, shaft_weights
 from simcore.rotations import exp_map
+from simcore.scenario.build import needle_model
 from simcore.scenario.scenario import Needle
 from tests.verification import verify
 
 Vector = np.ndarray
-EIGHTEEN_GAUGE = NeedleModel.from_scenario(Needle())
+EIGHTEEN_GAUGE = needle_model(Needle())
 check = partial(verify, "needle")
 RIGID = 1e6  # EA and kGA of the inextensible rods: EI / (EA L^2) = 1e-6
 

@@ -6,14 +6,15 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+from simcore.scenario.build import tissue_model
 from simcore.scenario.scenario import Tissue
-from simcore.tissue.model import TissueModel, elastic_forces, rotated_stiffness_times
+from simcore.tissue.model import elastic_forces, rotated_stiffness_times
 from simcore.tissue.tangent import tangent_times
 from tests.verification import verify
 
 Vector = NDArray[np.float64]
 
-MODEL = TissueModel.from_scenario(Tissue(size_mm=(20.0, 30.0, 20.0), element_size_mm=10.0))
+MODEL = tissue_model(Tissue(size_mm=(20.0, 30.0, 20.0), element_size_mm=10.0))
 DT_S = 0.01
 
 
@@ -76,7 +77,7 @@ def test_elastic_tangent_is_symmetric() -> None:
 @pytest.mark.parametrize("shortening", [0.0, 0.1])
 def test_a_compressed_column_has_an_indefinite_tangent(shortening: float) -> None:
     """Why it is never factored: a column between two held faces buckles, one at rest does not."""
-    column = TissueModel.from_scenario(Tissue(size_mm=(10.0, 90.0, 10.0), element_size_mm=10.0))
+    column = tissue_model(Tissue(size_mm=(10.0, 90.0, 10.0), element_size_mm=10.0))
     x = column.mesh.nodes_m * [1.0, 1.0 - shortening, 1.0]
     tets, rotations = column.mesh.tets, np.tile(np.eye(3).ravel(), (len(column.mesh.tets), 1))
     fields = (column.gradients, column.volumes_m3, column.mu_pa, column.lambda_pa, rotations, column.unknown)
