@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from simcore.insertion.insertion import Pose
+from simcore.insertion.state import Pose
 from simcore.rotations import exp_map, log_map
 
 

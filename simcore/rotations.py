@@ -3,6 +3,8 @@
 A rotation matrix maps body components to world components. A spin increment dw is spatial: R <- exp(dw) R.
 """
 
+# ruff: noqa: N803  (R is a rotation matrix, as in the papers)
+
 from __future__ import annotations
 
 import math
@@ -67,7 +69,7 @@ def log_map(R: Floats) -> Floats:
 
 @kernel
 def jacobian_coefficients(angle2: float) -> tuple[float, float]:
-    """eta = (1 - (t/2) cot(t/2)) / t^2 and mu = (d eta / dt) / t at the squared angle t^2 < (2 pi)^2.
+    """Coefficients eta = (1 - (t/2) cot(t/2)) / t^2 and mu = (d eta / dt) / t at the squared angle t^2 < (2 pi)^2.
 
     Battini & Pacoste 2002; series coefficients |B_2k| / (2k)! of the Bernoulli numbers.
     """

@@ -43,10 +43,12 @@ class Path:
 
     @property
     def chord(self) -> Floats:
+        """(3,) m from the entry to the end."""
         return self.end_m - self.entry_m
 
     @property
     def is_straight(self) -> bool:
+        """Whether it has no overlay."""
         return self.amplitude_m == 0.0
 
     def curve(self, u: Floats) -> Floats:
@@ -56,7 +58,7 @@ class Path:
         return self.entry_m + u[:, None] * self.chord + wave[:, None] * self.overlay
 
     def derivative(self, u: Floats) -> Floats:
-        """d curve / du (n, 3) m at the parameters u (n,)."""
+        """Derivatives d curve / du (n, 3) m at the parameters u (n,)."""
         u = np.atleast_1d(np.asarray(u, dtype=float))
         k = 2 * np.pi * self.periods
         slope = self.amplitude_m * k * np.cos(k * u)
@@ -80,7 +82,7 @@ class Path:
         return float(self._table[1][-1])
 
     def parameter(self, s_m: Floats) -> Floats:
-        """u (n,) at the arc lengths s_m (n,), clipped to the path."""
+        """Parameters u (n,) at the arc lengths s_m (n,), clipped to the path."""
         s_m = np.clip(np.atleast_1d(np.asarray(s_m, dtype=float)), 0.0, self.length_m)
         if self.is_straight:
             return s_m / self.length_m

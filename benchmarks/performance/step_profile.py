@@ -16,7 +16,7 @@ from benchmarks.measurements import Part, Table
 from benchmarks.ports import Clock, Tools
 from simcore.controllers import ifem
 from simcore.controllers import plant_model as model
-from simcore.insertion import compliance, insertion, solver
+from simcore.insertion import compliance, insertion, iteration
 from simcore.rollout import rollout, series
 from simcore.rollout.records import Scene, StepRecord
 from simcore.rollout.result import Rollout
@@ -42,7 +42,8 @@ STAGES = {  # kernel -> stage; a kernel that is not here is listed under its own
     "project_inactive": "constraint geometry",
     "inserted_rest_length": "constraint geometry",
     "tributary_lengths": "constraint geometry",
-    "tissue_residual": "residuals",
+    "free_residual": "residuals",
+    "add_needle_forces": "residuals",
     "needle_residual": "residuals",
     "staircases": "contact laws",
     "law_residual": "contact laws",
@@ -52,7 +53,7 @@ METHODS: tuple[tuple[Any, str, str, bool], ...] = (  # owner, name, stage, wheth
     (compliance.Compliance, "solve", "back-solve", True),
     (compliance.Compliance, "refactor", "refactor", True),
     (compliance.Compliance, "sync", "compliance columns and rows", True),
-    (solver.Coupled, "_move_tissue", "tissue moves by the columns", True),
+    (iteration, "move_tissue", "tissue moves by the columns", True),
     (insertion.Insertion, "_settle", "channel: cut, create, drop", True),
     (ifem.InverseFemController, "command", "command", False),
     (model, "linearise", "Jacobian", True),

@@ -6,17 +6,18 @@ depth along the channel S, the arc length s on the needle where it was at the la
 the needle exerts on it. After Duriez et al. 2009, with the rules of creation and removal spelled out below.
 """
 
+# ruff: noqa: N803  (R is a rotation matrix, as in the papers)
+
 from __future__ import annotations
 
 from dataclasses import dataclass, field, fields
 from enum import IntEnum
-from typing import Any
 
 import numpy as np
 
 from simcore.arrays import Flags, Floats, Ints
 from simcore.compiled import kernel
-from simcore.contact.ball import Ball, displaced, fill_ball, weights_of_ball
+from simcore.contact.ball import Ball, BallRule, Balls, displaced, fill_ball, weights_of_ball
 from simcore.mesh.mesh import Mesh
 from simcore.needle.shaft import shaft_frame
 
@@ -40,7 +41,6 @@ class ChannelModel:
     spacing_m: float
     ball: Ball
     rest_m: Floats
-    geometry: Any
     inward: Floats
     capacity: int
 
@@ -49,7 +49,7 @@ class ChannelModel:
         """longest_m: a bound on the rest length of the channel; elements are allocated once."""
         ball = Ball.of_radius(spread_m, mesh)
         inward = mesh.inward_normal(entry_m)
-        return cls(spacing_m, ball, mesh.nodes_m, mesh.geometry, inward, int(longest_m / spacing_m) + 4)
+        return cls(spacing_m, ball, mesh.nodes_m, inward, int(longest_m / spacing_m) + 4)
 
 
 @dataclass
@@ -106,15 +106,13 @@ class Channel:
         """Put an element at a rest point and compute its weights."""
         self.rest_m[element] = rest_m
         self.touched[element] = weights_of_ball(
-            self.rest_m[element],
-            model.ball.offsets_m,
-            model.ball.kernel,
-            model.ball.cell_m,
-            model.geometry,
-            self.slot,
-            self.nodes[element],
-            self.weights[element],
+            self.rest_m[element], model.ball.rule, self.slot, self.nodes[element], self.weights[element]
         )
+
+    @property
+    def balls(self) -> Balls:
+        """The balls of all elements, for kernels."""
+        return Balls(self.rest_m, self.nodes, self.weights, self.touched)
 
     def position(self, model: ChannelModel, element: int, x: Floats) -> Floats:
         """(3,) m, world: where the element is in the deformed tissue x (n, 3)."""
@@ -179,7 +177,7 @@ def inserted_rest_length(depth: Floats, arc: Floats, count: int, needle_length: 
 
 @kernel
 def tributary_lengths(depth: Floats, active: Flags, count: int, inserted: float, out: Floats) -> None:
-    """out (P,) m: rest length of channel that each active element stands for; they add up to `inserted`.
+    """Write out (P,) m: rest length of channel that each active element stands for; they add up to `inserted`.
 
     The cell of an element ends half-way to its active neighbours; the first begins at the entry, the last ends at the
     needle's tip.
@@ -227,11 +225,9 @@ def _append(channel: Channel, model: ChannelModel, rest_m: Floats, depth_m: floa
 
 def _material_point(channel: Channel, model: ChannelModel, element: int, x: Floats, target_m: Floats) -> Floats:
     """Move an element in rest space until its ball sits at `target_m` (3,) m, world; returns the rest point."""
-    c, ball = channel, model.ball
-    material = (ball.offsets_m, ball.kernel, ball.cell_m, model.geometry)
-    c.touched[element] = material_point(
-        c.rest_m[element], target_m, x, model.rest_m, *material, c.slot, c.nodes[element], c.weights[element]
-    )
+    c = channel
+    weights = (c.slot, c.nodes[element], c.weights[element])
+    c.touched[element] = material_point(c.rest_m[element], target_m, x, model.rest_m, model.ball.rule, *weights)
     return np.asarray(c.rest_m[element])
 
 
@@ -241,19 +237,19 @@ def material_point(
     target: Floats,
     x: Floats,
     x_rest: Floats,
-    offsets: Floats,
-    kernel_weights: Floats,
-    cell: float,
-    geometry: Any,
+    rule: BallRule,
     slot: Ints,
     nodes: Ints,
     weights: Floats,
 ) -> int:
     """Solve p(X) = target for the rest point X, from and into `rest` (3,) m, by Broyden's method; returns the number
     of its weights, which are written with their nodes."""
+    # p(X) - X varies slowly, so the inverse of dp/dX starts as the identity; its derivative would cost a ball for each
+    # axis. Broyden's good update (1965), for the inverse B after a move dX that changed the place by dp, costs none:
+    # B += (dX - B dp) (dX^T B) / (dX^T B dp). It is superlinear, and only p itself decides when it is solved.
     inverse = np.eye(3)
     move, miss, now, change, row = np.zeros(3), np.zeros(3), np.zeros(3), np.zeros(3), np.zeros(3)
-    count = fill_ball(rest, offsets, kernel_weights, cell, geometry, slot, nodes, weights)
+    count = fill_ball(rest, rule, slot, nodes, weights)
     displaced(rest, nodes, weights, count, x, x_rest, miss)
     miss -= target
     for _ in range(50):
@@ -263,7 +259,7 @@ def material_point(
             move[i] = -(inverse[i, 0] * miss[0] + inverse[i, 1] * miss[1] + inverse[i, 2] * miss[2])
         for i in range(3):
             rest[i] += move[i]
-        count = fill_ball(rest, offsets, kernel_weights, cell, geometry, slot, nodes, weights)
+        count = fill_ball(rest, rule, slot, nodes, weights)
         displaced(rest, nodes, weights, count, x, x_rest, now)
         now -= target
         along = 0.0

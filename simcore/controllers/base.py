@@ -7,8 +7,8 @@ from dataclasses import dataclass
 from typing import Protocol, TypeVar
 
 from simcore.arrays import Floats
-from simcore.insertion.insertion import Pose
 from simcore.insertion.jacobian_fast import Linearisation
+from simcore.insertion.state import Pose
 from simcore.scenario.scenario import Scenario
 
 Settings = TypeVar("Settings")

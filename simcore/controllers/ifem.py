@@ -6,8 +6,8 @@ import numpy as np
 
 from simcore.arrays import Floats
 from simcore.controllers.base import Model, Observation
-from simcore.insertion.insertion import Pose
 from simcore.insertion.jacobian_fast import Linearisation
+from simcore.insertion.state import Pose
 from simcore.rotations import exp_map
 from simcore.scenario.scenario import InverseFem
 

@@ -7,7 +7,7 @@ import numpy as np
 from simcore.arrays import Floats
 from simcore.controllers.base import Observation
 from simcore.controllers.remote_centre import pose_through
-from simcore.insertion.insertion import Pose
+from simcore.insertion.state import Pose
 from simcore.learning import Regressor, load_model
 from simcore.scenario.scenario import Learned
 

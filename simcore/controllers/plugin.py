@@ -8,7 +8,7 @@ import numpy as np
 
 from simcore.arrays import Floats
 from simcore.controllers.base import Controller, Observation
-from simcore.insertion.insertion import Pose
+from simcore.insertion.state import Pose
 from simcore.plugins import PluginError, factory_of
 from simcore.scenario.scenario import Plugin, Scenario
 

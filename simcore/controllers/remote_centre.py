@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from simcore.arrays import Floats
-from simcore.insertion.insertion import Pose
+from simcore.insertion.state import Pose
 from simcore.rotations import exp_map
 
 TOO_NEAR_M = 1e-3  # a base so near to the entry says nothing on its axis

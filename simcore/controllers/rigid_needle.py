@@ -6,7 +6,8 @@ import numpy as np
 
 from simcore.arrays import Floats
 from simcore.controllers.base import Observation
-from simcore.insertion.insertion import Pose, rotation_towards
+from simcore.insertion.insertion import rotation_towards
+from simcore.insertion.state import Pose
 from simcore.scenario.scenario import RigidNeedle, Scenario
 
 

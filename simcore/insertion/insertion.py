@@ -1,4 +1,6 @@
-"""The insertion as a plant: a constant model, a changing state, `step` a function that reads as the algorithm."""
+"""The insertion as a plant: a constant model, a changing state, and `step`, which reads as the algorithm."""
+
+# ruff: noqa: N806  (R is a rotation matrix, as in the papers)
 
 from __future__ import annotations
 
@@ -17,7 +19,8 @@ from simcore.contact.channel import (
 )
 from simcore.errors import Status
 from simcore.insertion.model import CoupledModel, Tolerances
-from simcore.insertion.solver import Bodies, Coupled, Guess, StepReport
+from simcore.insertion.solver import solve_step, tissue_response
+from simcore.insertion.state import Bodies, Goal, Guess, Pose, SolvedStep, StepReport, Workspace
 from simcore.needle.model import NeedleModel, increments, straight
 from simcore.rotations import exp_map
 from simcore.tissue.breathing import BreathingMotion
@@ -25,14 +28,6 @@ from simcore.tissue.model import TissueModel
 
 OUTSIDE_M = 1e-3  # a contact point or channel end farther than this outside the rest shape has left the tissue
 RE_ENTRY_MISS_M = 2e-3  # a re-entering tip farther than this from its channel has left it
-
-
-@dataclass(frozen=True)
-class Pose:
-    """Of the needle's base: position (3,) m and rotation (3, 3), world; identity = needle along +z."""
-
-    position_m: Floats
-    rotation: Floats
 
 
 @dataclass
@@ -46,6 +41,7 @@ class InsertionState:
     points_m: Floats  # (a, 3) active constraint points
     point_forces_n: Floats  # (a, 3) of the needle on the tissue
     report: StepReport
+    solved: SolvedStep  # what a linearisation of the last step needs
     steps: int = 0  # since the start: the held nodes are where the motion has them at steps * dt
 
     @property
@@ -61,12 +57,15 @@ class InsertionState:
 
 
 class Insertion:
-    """Needle, tissue and their interaction . `step` leaves its argument as it was."""
+    """Needle, tissue and their interaction. `step` leaves its argument as it was."""
 
-    def __init__(self, model: CoupledModel, *, entry_m: Floats, motion: BreathingMotion | None = None) -> None:
-        """entry_m: (3,) m, on the surface. motion: of the held nodes; None = they stay."""
-        self.model, self.entry_m, self.motion = model, entry_m, motion
-        self.coupled = Coupled(model)
+    def __init__(
+        self, model: CoupledModel, *, motion: BreathingMotion | None = None, keeps_tissue: bool = True
+    ) -> None:
+        """motion: of the held nodes; None = they stay. keeps_tissue: whether each step keeps the tissue's side of it,
+        which the exact Jacobian needs: a copy of some megabytes."""
+        self.model, self.motion, self.keeps_tissue = model, motion, keeps_tissue
+        self.workspace = Workspace(model)
 
     @property
     def tissue(self) -> TissueModel:
@@ -77,6 +76,11 @@ class Insertion:
     def needle(self) -> NeedleModel:
         """The needle's constants."""
         return self.model.needle
+
+    @property
+    def entry_m(self) -> Floats:
+        """(3,) m, world: where the needle enters, also the remote centre of motion."""
+        return self.model.entry_m
 
     def initial_base(self, tangent: Floats) -> Pose:
         """Base pose of the straight needle that waits along `tangent` (3,), unit, with its tip at the entry."""
@@ -90,56 +94,48 @@ class Insertion:
         rest = self.tissue.mesh.nodes_m
         bodies = Bodies(rest.copy(), np.zeros_like(rest), x, R, np.zeros((len(x), 6)))
         channel = Channel.at_surface(self.model.channel, self.entry_m, self.needle.length_m)
-        _, report = self.coupled.solve(bodies, channel, base.position_m, base.rotation)
+        solved = self._kept(solve_step(self.model, self.workspace, bodies, channel, Goal(base)))
         nothing = np.zeros((0, 3))
-        self._last = InsertionState(bodies, channel, np.zeros(6), 0.0, nothing, nothing, report)
-        return self._last
+        return InsertionState(bodies, channel, np.zeros(6), 0.0, nothing, nothing, solved.report, solved)
 
     def step(self, state: InsertionState, base: Pose) -> InsertionState:
         """The state after the base has moved to `base`; `report.status` says whether it may be used.
 
         A contact that reaches the puncture force is opened and the same step is solved again, inside.
         """
-        channel, bodies, report = self.solve(state, base)
+        solved = self._kept(self.solve(state, base))
+        channel, report = solved.active.channel, solved.report
         if report.status is Status.COMPLETED:
-            channel = channel.copy()  # the solved problem keeps the channel that it was solved with
-            report = self._settle(channel, bodies, report)
-        self._last = InsertionState(
-            bodies,
+            channel = channel.copy()  # the solved step keeps the channel that it was solved with
+            report = self._settle(channel, solved)
+        return InsertionState(
+            solved.bodies,
             channel,
-            self.coupled.base_wrench(),
-            self.coupled.inserted_m if channel.phase is Phase.INSERTED else 0.0,
-            self.coupled.points,
-            self.coupled.force,
+            solved.base_wrench,
+            solved.at.inserted_m,
+            solved.at.points.places,
+            solved.at.force_n,
             report,
+            solved,
             state.steps + 1,
         )
-        return self._last
 
-    def solve(
-        self, state: InsertionState, base: Pose, guess: Guess | None = None
-    ) -> tuple[Channel, Bodies, StepReport]:
+    def solve(self, state: InsertionState, base: Pose, guess: Guess | None = None) -> SolvedStep:
         """The first half of `step`: the new equilibrium, its channel not yet cut further; opened if it was punctured.
 
         guess: where the solver begins, for a channel that is open already; None = where the last step leads to.
         """
-        channel = state.channel.copy()
-        bodies, report = self._solve(state, channel, base, guess)
-        if report.status is Status.COMPLETED and self._punctures():
+        solved = self._solve(state, state.channel.copy(), base, guess)
+        if solved.report.status is Status.COMPLETED and _punctures(solved):
             channel = state.channel.copy()
             puncture(channel, self.model.channel)
-            bodies, report = self._solve(state, channel, base)
-        return channel, bodies, report
+            solved = self._solve(state, channel, base)
+        return solved
 
     def with_tolerances(self, tolerances: Tolerances) -> Insertion:
         """The same bodies with work arrays of their own and other tolerances: steps of it leave this one alone."""
-        return Insertion(replace(self.model, tolerances=tolerances), entry_m=self.entry_m, motion=self.motion)
-
-    def solved(self, state: InsertionState) -> Coupled:
-        """The coupled problem as it was solved for `state`, to linearise it. Only the last step is at hand."""
-        if self._last is not state:
-            raise ValueError("only the step that was solved last can be linearised")
-        return self.coupled
+        model = replace(self.model, tolerances=tolerances)
+        return Insertion(model, motion=self.motion, keeps_tissue=self.keeps_tissue)
 
     def material_point_position(self, state: InsertionState, rest_m: Floats) -> Floats:
         """(3,) m, world: where the tissue point at `rest_m` is now, by the shape functions of its tetrahedron."""
@@ -147,30 +143,30 @@ class Insertion:
         moved: Floats = rest_m + weights @ (state.bodies.x[nodes] - self.tissue.mesh.nodes_m[nodes])
         return moved
 
-    def _solve(
-        self, state: InsertionState, channel: Channel, base: Pose, guess: Guess | None = None
-    ) -> tuple[Bodies, StepReport]:
+    def _solve(self, state: InsertionState, channel: Channel, base: Pose, guess: Guess | None = None) -> SolvedStep:
         shift = self.motion.shift_m((state.steps + 1) * self.model.dt_s) if self.motion else None
-        bodies, report = self.coupled.solve(state.bodies, channel, base.position_m, base.rotation, shift, guess)
-        bodies.v = (bodies.x - state.bodies.x) / self.model.dt_s
         old = state.bodies
+        solved = solve_step(self.model, self.workspace, old, channel, Goal(base, shift), guess)
+        bodies = solved.bodies
+        bodies.v = (bodies.x - old.x) / self.model.dt_s
         bodies.needle_move = increments(old.needle_x, old.needle_R, bodies.needle_x, bodies.needle_R)
-        return bodies, report
+        return solved
 
-    def _punctures(self) -> bool:
-        return self.coupled.contact and bool(self.coupled.mode[0] == 2)
+    def _kept(self, solved: SolvedStep) -> SolvedStep:
+        return replace(solved, tissue=tissue_response(self.workspace, solved)) if self.keeps_tissue else solved
 
-    def _settle(self, channel: Channel, bodies: Bodies, report: StepReport) -> StepReport:
+    def _settle(self, channel: Channel, solved: SolvedStep) -> StepReport:
         """After convergence: store forces and arc lengths, cut, create, drop and take up elements."""
-        c, model, tip = self.coupled, self.model.channel, bodies.needle_x[-1]
+        at, bodies, elements, report = solved.at, solved.bodies, solved.active.elements, solved.report
+        model, tip = self.model.channel, bodies.needle_x[-1]
         channel.force_change_n[:] = 0.0
-        channel.force_change_n[c.elements] = c.force - channel.force_n[c.elements]
-        channel.force_n[c.elements] = c.force
-        channel.mode[c.elements] = c.mode
+        channel.force_change_n[elements] = at.force_n - channel.force_n[elements]
+        channel.force_n[elements] = at.force_n
+        channel.mode[elements] = at.mode
         if channel.phase is Phase.CONTACT:
             slide_contact(channel, model, bodies.x, tip)
             return self._inside(channel, report)
-        channel.arc_m[:] = c.all_arcs
+        channel.arc_m[:] = at.all_arcs_m
         if channel.active[0] and channel.arc_m[0] < self.needle.length_m:
             advance_end(channel, model, bodies.x, tip)
             channel.arc_m[0] = self.needle.length_m
@@ -191,6 +187,10 @@ class Insertion:
             return report
         message = f"the tip is {outside * 1e3:.2f} mm outside the tissue's rest shape, at most {OUTSIDE_M * 1e3:g} mm"
         return replace(report, status=Status.TISSUE_LEFT, message=message)
+
+
+def _punctures(solved: SolvedStep) -> bool:
+    return solved.active.contact and bool(solved.at.mode[0] == 2)
 
 
 def rotation_towards(direction: Floats) -> Floats:

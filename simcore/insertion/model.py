@@ -37,6 +37,7 @@ class CoupledModel:
     channel: ChannelModel
     law: ContactLaw
     tolerances: Tolerances
+    entry_m: Floats  # (3,) m, on the surface: where the needle enters
     dt_s: float
 
     @cached_property

@@ -1,5 +1,7 @@
 """Extreme Learning Machine [paper; Huang et al. 2006]: Y = beta g(w X + b), g the sigmoid, w and b random and fixed."""
 
+# ruff: noqa: N803  (X, Y, H are the matrices of the papers)
+
 from __future__ import annotations
 
 from typing import Any
@@ -33,9 +35,11 @@ class ExtremeLearningMachine(Regressor):
         self.nodes, self.ridge, self.weight_range, self.seed = nodes, ridge, weight_range, seed
 
     def settings(self) -> dict[str, Any]:
+        """What it was made with, as JSON data."""
         return {"nodes": self.nodes, "ridge": self.ridge, "weight_range": self.weight_range, "seed": self.seed}
 
     def shapes(self, inputs: int, outputs: int) -> Shapes:
+        """The shape of each array but the scales; -1 = any number of rows."""
         return {"w": (self.nodes, inputs), "b": (self.nodes,), "beta": (self.nodes, outputs)}
 
     def _fit(self, X: Floats, Y: Floats) -> Arrays:

@@ -1,5 +1,7 @@
 """Linear regression with a ridge: what a learned controller without any bend can do."""
 
+# ruff: noqa: N803  (X, Y, H are the matrices of the papers)
+
 from __future__ import annotations
 
 from typing import Any
@@ -20,9 +22,11 @@ class LinearModel(Regressor):
         self.ridge = ridge
 
     def settings(self) -> dict[str, Any]:
+        """What it was made with, as JSON data."""
         return {"ridge": self.ridge}
 
     def shapes(self, inputs: int, outputs: int) -> Shapes:
+        """The shape of each array but the scales; -1 = any number of rows."""
         return {"a": (inputs, outputs)}
 
     def _fit(self, X: Floats, Y: Floats) -> Arrays:

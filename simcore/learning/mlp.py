@@ -1,5 +1,7 @@
 """A small multilayer perceptron: tanh layers and a linear one, run with numpy. It is trained elsewhere."""
 
+# ruff: noqa: N803  (X, Y, H are the matrices of the papers)
+
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
@@ -30,9 +32,11 @@ class MultilayerPerceptron(Regressor):
         self.hidden, self.seed, self.trainer = tuple(hidden), seed, trainer
 
     def settings(self) -> dict[str, Any]:
+        """What it was made with, as JSON data."""
         return {"hidden": list(self.hidden), "seed": self.seed}
 
     def shapes(self, inputs: int, outputs: int) -> Shapes:
+        """The shape of each array but the scales; -1 = any number of rows."""
         found: Shapes = {}
         for i, (before, after) in enumerate(pairwise((inputs, *self.hidden, outputs))):
             found |= {f"w{i}": (before, after), f"b{i}": (after,)}

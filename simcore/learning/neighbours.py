@@ -1,5 +1,7 @@
 """k nearest neighbours: the mean answer of the stored samples that are nearest in standardised inputs."""
 
+# ruff: noqa: N803  (X, Y, H are the matrices of the papers)
+
 from __future__ import annotations
 
 from functools import cached_property
@@ -24,9 +26,11 @@ class NearestNeighbours(Regressor):
         self.neighbours = neighbours
 
     def settings(self) -> dict[str, Any]:
+        """What it was made with, as JSON data."""
         return {"neighbours": self.neighbours}
 
     def shapes(self, inputs: int, outputs: int) -> Shapes:
+        """The shape of each array but the scales; -1 = any number of rows."""
         return {"x": (-1, inputs), "y": (-1, outputs)}
 
     def _fit(self, X: Floats, Y: Floats) -> Arrays:

@@ -1,5 +1,7 @@
 """What every regressor has in common: `fit(X, Y)`, `predict(X)`, inputs and outputs standardised, arrays to keep."""
 
+# ruff: noqa: N803, N806  (X, Y, H are the matrices of the papers)
+
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
@@ -72,10 +74,12 @@ class Regressor(ABC):
 
     @property
     def inputs(self) -> int:
+        """Number of inputs that it was trained with."""
         return len(self.arrays["input_mean"])
 
     @property
     def outputs(self) -> int:
+        """Number of outputs that it was trained with."""
         return len(self.arrays["output_mean"])
 
 

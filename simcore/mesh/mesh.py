@@ -94,9 +94,11 @@ class BoxMesh(Mesh):
 
     @cached_property
     def geometry(self) -> BoxGeometry:
+        """Edges and cells."""
         return BoxGeometry(self.size_m, np.array(self.cells))
 
     def locate(self, point_m: Floats) -> tuple[Ints, Floats]:
+        """In the tetrahedron of the point's cell; a point outside is moved onto the box."""
         nodes, weights = np.empty(4, np.int64), np.empty(4)
         locate(point_m, *self.geometry, nodes, weights)
         return nodes, weights
@@ -108,11 +110,13 @@ class BoxMesh(Mesh):
         return [order[~np.isin(order, held)]]
 
     def nodes_touched(self, radius_m: float) -> int:
+        """Of the cells that a cube of twice the radius can cut."""
         edges = self.size_m / self.cells
         return int(np.prod(np.floor(2 * radius_m / edges) + 3))
 
     def inward_normal(self, point_m: Floats) -> Floats:
         """Of the entry face, wherever the point is."""
+        del point_m
         return np.array([0.0, 0.0, 1.0])
 
     def outside_by(self, points_m: Floats) -> Floats:

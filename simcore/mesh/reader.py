@@ -98,7 +98,7 @@ def load_mesh(path: str, *, unit_mm: float, names: tuple[str, ...], sha256: str 
         raise fault(path, f"has changed: its SHA-256 is {content.sha256}, tissue.mesh_sha256 is {sha256}")
     try:
         return _mesh_of(content, unit_mm, names)
-    except _Fault as wrong:
+    except _MeshFaultError as wrong:
         raise fault(path, str(wrong)) from None
 
 
@@ -108,12 +108,12 @@ def counts_of(path: str) -> tuple[int, int]:
     content = MeshFile.read(path)
     try:
         points, tets = _tetrahedra(_parsed(content))
-    except _Fault as wrong:
+    except _MeshFaultError as wrong:
         raise fault(path, str(wrong)) from None
     return len(points), len(tets)
 
 
-class _Fault(Exception):
+class _MeshFaultError(Exception):
     """What is wrong with the content of a mesh file."""
 
 
@@ -126,12 +126,12 @@ def _mesh_of(content: MeshFile, unit_mm: float, names: tuple[str, ...]) -> TetMe
     nodes, tets = np.ascontiguousarray(points[used] * (unit_mm * 1e-3)), numbered.reshape(tets.shape)
     wrong = fault_of_mesh(nodes, tets)
     if wrong is not None:
-        raise _Fault(wrong)
+        raise _MeshFaultError(wrong)
     return TetMesh.of(nodes, tets, {name: _set(raw, name, used, content.name) for name in names})
 
 
 def _parsed(content: MeshFile) -> Any:
-    """meshio's mesh. Its readers print, warn, exit and raise anything at all; here that becomes one fault."""
+    """The mesh as meshio has it. Its readers print, warn, exit and raise anything; here that is one fault."""
     formats, reasons = FORMATS[content.suffix], []
     with tempfile.TemporaryDirectory(prefix="needlebench-mesh-") as folder:
         copy = Path(folder) / f"mesh{content.suffix}"  # what is read is what was hashed
@@ -139,11 +139,11 @@ def _parsed(content: MeshFile) -> Any:
         for kind in formats:
             try:
                 return _read_quietly(copy, kind)
-            except (Exception, SystemExit) as error:
+            except (Exception, SystemExit) as error:  # noqa: BLE001  (a reader of meshio raises anything at all)
                 lines = str(error).replace(str(copy), content.name).strip().splitlines()
                 reasons += [] if isinstance(error, SystemExit) else lines[:1]
     reason = f": {reasons[0][:100]}" if reasons else ""
-    raise _Fault(f"is not a readable {' or '.join(formats)} mesh{reason}")
+    raise _MeshFaultError(f"is not a readable {' or '.join(formats)} mesh{reason}")
 
 
 def _read_quietly(path: Path, kind: str) -> Any:
@@ -162,18 +162,20 @@ def _tetrahedra(raw: Any) -> tuple[Floats, Ints]:
     others = sorted({block.type for block in solids} - {"tetra"})
     tets = [np.asarray(block.data) for block in solids if block.type == "tetra" and len(block.data)]
     if others:
-        raise _Fault(f"must hold linear tetrahedra and no other solid cells; it holds {', '.join(others)}")
+        raise _MeshFaultError(f"must hold linear tetrahedra and no other solid cells; it holds {', '.join(others)}")
     if not tets:
         held = ", ".join(sorted({block.type for block in raw.cells})) or "no cells"
-        raise _Fault(f"must hold tetrahedra; it holds {held}")
+        raise _MeshFaultError(f"must hold tetrahedra; it holds {held}")
     cells = np.concatenate(tets).astype(np.int64)
     if len(cells) > MAXIMUM_TETS:
-        raise _Fault(f"holds {len(cells)} tetrahedra, at most {MAXIMUM_TETS} are allowed")
+        raise _MeshFaultError(f"holds {len(cells)} tetrahedra, at most {MAXIMUM_TETS} are allowed")
     if points.ndim != 2 or points.shape[1] != 3 or points.dtype.kind not in "fiu":
-        raise _Fault(f"must hold points with three coordinates; its points are an array of shape {points.shape}")
+        raise _MeshFaultError(
+            f"must hold points with three coordinates; its points are an array of shape {points.shape}"
+        )
     if cells.min() < 0 or cells.max() >= len(points):
         wrong = cells.max() if cells.max() >= len(points) else cells.min()
-        raise _Fault(f"has a tetrahedron with node {wrong}; its points are 0 to {len(points) - 1}")
+        raise _MeshFaultError(f"has a tetrahedron with node {wrong}; its points are 0 to {len(points) - 1}")
     return points.astype(np.float64), cells
 
 
@@ -218,7 +220,7 @@ def _cell_set(raw: Any, name: str) -> Ints | None:
     if name not in raw.cell_sets:
         return None
     members = [np.zeros(0, np.int64) if m is None else np.asarray(m, np.int64) for m in raw.cell_sets[name]]
-    return _nodes_of_cells(raw, lambda i, block: members[i])
+    return _nodes_of_cells(raw, lambda i, _: members[i])
 
 
 def _physical_group(raw: Any, name: str) -> Ints | None:
@@ -244,7 +246,7 @@ def _where(raw: Any, key: str, test: Callable[[Any], Any]) -> Ints | None:
     if key in raw.point_data and np.ndim(raw.point_data[key]) == 1:
         return np.flatnonzero(test(np.asarray(raw.point_data[key])))
     if key in raw.cell_data and all(np.ndim(values) == 1 for values in raw.cell_data[key]):
-        return _nodes_of_cells(raw, lambda i, block: test(np.asarray(raw.cell_data[key][i])))
+        return _nodes_of_cells(raw, lambda i, _: test(np.asarray(raw.cell_data[key][i])))
     return None
 
 

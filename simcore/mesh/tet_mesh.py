@@ -24,6 +24,7 @@ class TetMesh(Mesh):
 
     @property
     def geometry(self) -> TetSearch:
+        """The search trees."""
         return self.search
 
     @classmethod
@@ -45,6 +46,7 @@ class TetMesh(Mesh):
         return float(np.cbrt(np.linalg.det(edges).mean()))
 
     def locate(self, point_m: Floats) -> tuple[Ints, Floats]:
+        """In the tetrahedron around the point; outside, in the one of the nearest point of the surface."""
         nodes, weights = np.empty(4, np.int64), np.empty(4)
         locate_in_tets(self.search, point_m, -1, nodes, weights)
         return nodes, weights
@@ -62,6 +64,7 @@ class TetMesh(Mesh):
         return int(triangle), weights @ self.search.triangles[triangle]
 
     def inward_normal(self, point_m: Floats) -> Floats:
+        """Of the surface triangle nearest to the point."""
         a, b, c = self.search.triangles[self.nearest_on_surface(point_m)[0]]
         outward = np.cross(b - a, c - a)
         normal: Floats = -outward / np.linalg.norm(outward)

@@ -182,7 +182,7 @@ def locate_in_tets(search: TetSearch, point: Floats, guess: int, nodes: Ints, we
 
 @kernel
 def outside_by(search: TetSearch, points: Floats, out: Floats) -> None:
-    """out (k,) m: distance of each point (k, 3) m from the mesh, 0 inside."""
+    """Write out (k,) m: distance of each point (k, 3) m from the mesh, 0 inside."""
     shape = np.empty(4)
     for k in range(len(points)):
         out[k] = 0.0

@@ -10,6 +10,8 @@ dw1 and dw2, and on nine forces, n (on node 2, -n on node 1), M1 and M2. Triples
 frame.
 """
 
+# ruff: noqa: N803, N806  (R is a rotation matrix, as in the papers)
+
 from __future__ import annotations
 
 import math
@@ -31,6 +33,33 @@ class Stiffness(NamedTuple):
     near: float  # (4 + phi) EI / (l (1 + phi)), N m
     far: float  # (2 - phi) EI / (l (1 + phi)), N m
     torsion: float  # GJ / l, N m
+
+
+class Section(NamedTuple):
+    """What kernels know of a needle: its beams and, if it is curved at rest, the frames (n, 2, 3, 3) of its beams."""
+
+    element_length_m: float
+    axial_n: float  # EA
+    bending_nm2: float  # EI
+    torsion_nm2: float  # GJ
+    shear_parameter: float  # phi
+    rest_frames: Floats
+
+
+class BeamForces(NamedTuple):
+    """Internal forces (n+1, 6) N, N m and their tangent d f / d(dx, dw) by pairs of nodes: diag (n+1, 6, 6) of a node
+    with itself, upper (n, 6, 6) rows of node i and columns of node i+1, lower (n, 6, 6) the other way round."""
+
+    forces: Floats
+    diag: Floats
+    upper: Floats
+    lower: Floats
+
+    @classmethod
+    def of_size(cls, elements: int) -> BeamForces:
+        """Zeros, for a chain of so many beams."""
+        n = elements
+        return cls(np.zeros((n + 1, 6)), np.zeros((n + 1, 6, 6)), np.zeros((n, 6, 6)), np.zeros((n, 6, 6)))
 
 
 class End(NamedTuple):
@@ -67,7 +96,7 @@ def _dot(a: Triple, b: Triple) -> float:
 
 @kernel
 def _sum(a: float, u: Triple, b: float, v: Triple) -> Triple:
-    """a u + b v."""
+    """Sum a u + b v."""
     return a * u[0] + b * v[0], a * u[1] + b * v[1], a * u[2] + b * v[2]
 
 
@@ -225,26 +254,13 @@ def _add_tangent(
 
 
 @kernel
-def internal(
-    x: Floats,
-    R: Floats,
-    element_length: float,
-    axial: float,
-    bending: float,
-    torsion: float,
-    shear_parameter: float,
-    rest_frames: Floats,
-    f_out: Floats,
-    diag_out: Floats,
-    upper_out: Floats,
-    lower_out: Floats,
-) -> None:
-    """Internal forces and tangent of a chain of n beams; equilibrium is f_out = external forces.
+def internal(x: Floats, R: Floats, section: Section, out: BeamForces) -> None:
+    """Internal forces and tangent of a chain of n beams; equilibrium is out.forces = external forces.
 
-    x: (n+1, 3) m, R: (n+1, 3, 3), world. The scalars and rest_frames are `NeedleModel.constants`.
-    f_out: (n+1, 6) N, N m. Tangent d f / d(dx, dw) by node pairs: diag_out (n+1, 6, 6) of a node with itself,
-    upper_out (n, 6, 6) rows of node i, columns of node i+1, lower_out (n, 6, 6) the other way round.
+    x: (n+1, 3) m, R: (n+1, 3, 3), world. section: `NeedleModel.section`. out is written.
     """
+    element_length, axial, bending, torsion, shear_parameter, rest_frames = section
+    f_out, diag_out, upper_out, lower_out = out
     n = len(x) - 1
     c = bending / (element_length * (1.0 + shear_parameter))
     k = Stiffness(

@@ -4,17 +4,20 @@ A state is x (n+1, 3) m, node positions, and R (n+1, 3, 3), node rotations, both
 which the robot prescribes. Identity rotations: needle along +z.
 """
 
+# ruff: noqa: N803, N806  (R is a rotation matrix, as in the papers)
+
 from __future__ import annotations
 
 import math
 from dataclasses import dataclass, field
+from functools import cached_property
 
 import numpy as np
 
 from simcore.arrays import Floats
 from simcore.compiled import kernel
 from simcore.errors import Status
-from simcore.needle.beam import internal
+from simcore.needle.beam import BeamForces, Section, internal
 from simcore.rotations import compose, exp_map, log_map, project_rotation
 
 
@@ -66,11 +69,11 @@ class NeedleModel:
         """Rest length of one beam, m."""
         return self.length_m / self.elements
 
-    @property
-    def constants(self) -> tuple[float, float, float, float, float, Floats]:
-        """What `beam.internal` takes between the state and its outputs."""
-        section = (self.axial_n, self.bending_nm2, self.torsion_nm2)
-        return (self.element_length_m, *section, self.shear_parameter, self.rest_frames)
+    @cached_property
+    def section(self) -> Section:
+        """What `beam.internal` takes beside the state."""
+        stiffness = (self.axial_n, self.bending_nm2, self.torsion_nm2)
+        return Section(self.element_length_m, *stiffness, self.shear_parameter, self.rest_frames)
 
     @classmethod
     def from_section(
@@ -162,7 +165,7 @@ def rigid_move(x: Floats, R: Floats, position: Floats, rotation: Floats) -> None
 
 @kernel
 def _add_product(sign: float, block: Floats, source: Floats, target: Floats) -> None:
-    """target (6, m) += sign * block (6, 6) source (6, m)."""
+    """Add to target (6, m): sign * block (6, 6) source (6, m)."""
     for a in range(6):
         b0, b1, b2 = sign * block[a, 0], sign * block[a, 1], sign * block[a, 2]
         b3, b4, b5 = sign * block[a, 3], sign * block[a, 4], sign * block[a, 5]
@@ -173,7 +176,7 @@ def _add_product(sign: float, block: Floats, source: Floats, target: Floats) -> 
 
 
 @kernel
-def _invert(block: Floats, work: Floats, out: Floats) -> None:
+def _invert(block: Floats, work: Floats, out: Floats) -> None:  # noqa: C901  (Gauss-Jordan: nested loops, no cases)
     """Inverse of block (6, 6) into out by Gauss-Jordan with row pivoting; work (6, 12) is scratch."""
     for i in range(6):
         for c in range(6):
@@ -261,19 +264,18 @@ def solve_static(
     Converged when no residual exceeds `tolerance` (N, N m). Failures: NOT_FINITE, NOT_CONVERGED.
     """
     x, R, n = x.copy(), R.copy(), model.elements
-    forces, diag = np.empty((n + 1, 6)), np.empty((n + 1, 6, 6))
-    upper, lower = np.empty((n, 6, 6)), np.empty((n, 6, 6))
+    beams = BeamForces.of_size(n)
     step = np.zeros((n + 1, 6))
     for iteration in range(max_iterations + 1):
-        internal(x, R, *model.constants, forces, diag, upper, lower)
-        rest = external[1:] - forces[1:]
+        internal(x, R, model.section, beams)
+        rest = external[1:] - beams.forces[1:]
         residual = float(np.abs(rest).max())
         if not math.isfinite(residual):
             return StaticSolution(Status.NOT_FINITE, x, R, iteration, residual)
         if residual <= tolerance:
             return StaticSolution(Status.COMPLETED, x, R, iteration, residual)
         rest = rest[:, :, None].copy()
-        solve_blocks(*factor_blocks(diag[1:], upper[1:], lower[1:]), upper[1:], rest)
+        solve_blocks(*factor_blocks(beams.diag[1:], beams.upper[1:], beams.lower[1:]), beams.upper[1:], rest)
         step[1:] = rest[:, :, 0]
         advance(x, R, step)
     return StaticSolution(Status.NOT_CONVERGED, x, R, max_iterations, residual)

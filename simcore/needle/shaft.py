@@ -5,12 +5,24 @@ beams (they are the Euler-Bernoulli ones): between nodes they differ from the be
 order phi.
 """
 
+# ruff: noqa: N803  (R is a rotation matrix, as in the papers)
+
 from __future__ import annotations
+
+from typing import NamedTuple
 
 import numpy as np
 
 from simcore.arrays import Floats
 from simcore.compiled import kernel
+
+
+class Shaft(NamedTuple):
+    """What the curve is made of: nodes x (n+1, 3) m and R (n+1, 3, 3), world, and the rest length of a beam."""
+
+    x: Floats
+    R: Floats
+    element_length_m: float
 
 
 @kernel

@@ -96,10 +96,10 @@ class Silent:
     """The observer that looks away."""
 
     def begin(self, scene: Scene, first: StepRecord) -> None:
-        pass
+        """Does nothing."""
 
     def step(self, record: StepRecord) -> None:
-        pass
+        """Does nothing."""
 
     def end(self, rollout: Rollout) -> None:
-        pass
+        """Does nothing."""

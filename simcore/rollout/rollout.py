@@ -11,10 +11,11 @@ from threadpoolctl import threadpool_limits
 
 from simcore.arrays import Floats
 from simcore.controllers import Observation, make_controller
-from simcore.controllers.plant_model import make_model
-from simcore.errors import ModelFailure, Status
-from simcore.insertion.insertion import Insertion, Pose
+from simcore.controllers.plant_model import make_model, needs_tissue
+from simcore.errors import ModelFailureError, Status
+from simcore.insertion.insertion import Insertion
 from simcore.insertion.jacobian_fast import Linearisation, lateral_offset
+from simcore.insertion.state import Pose
 from simcore.mesh.mesh import MaterialPoints
 from simcore.metrics import metrics
 from simcore.needle.shaft import shaft_polyline
@@ -54,6 +55,10 @@ def run(scenario: Scenario, observer: Observer | None = None, *, clock: Clock = 
 
     A step that fails ends the run with its named status; the last good state is the last row of the series. Exceptions
     of the observer pass through: that is how a run is cancelled.
+
+    >>> rollout = run(Scenario.load({"tissue": {"element_size_mm": 10}, "trajectory": {"target_mm": [18, 31, 5]}}))
+    >>> print(rollout.status, rollout.series["tip_m"].shape, rollout.metrics["rmse_mm"] < 0.1)
+    completed (51, 3) True
     """
     with threadpool_limits(1):
         compile_kernels()
@@ -71,7 +76,7 @@ class _Loop:
 
     def __init__(self, scenario: Scenario, observer: Observer, clock: Clock) -> None:
         self.scenario, self.observer, self.clock = scenario, observer, clock
-        self.insertion = insertion_of(scenario)
+        self.insertion = insertion_of(scenario, keeps_tissue=needs_tissue(scenario.controller))
         self.limits = robot_limits(scenario.robot)
         self.path = scenario.path()
         self.steps = scenario.steps
@@ -122,7 +127,7 @@ class _Loop:
         where = f"step {step + 1} of {self.steps}, depth {self.state.inserted_m * 1e3:.1f} mm"
         try:
             command = self.controller.command(observation)
-        except ModelFailure as failure:
+        except ModelFailureError as failure:
             return None, failure.status, f"{where}: the controller's model: {failure.message}"
         command_s = self.clock() - started - self.jacobian_s
         base, limited = command, False
@@ -179,7 +184,7 @@ class _Loop:
         state, recording = self.state, self.scenario.recording
         base = state.base
         displacement = state.bodies.x - self.insertion.tissue.mesh.nodes_m
-        offset = lateral_offset(self.insertion, state, self.insertion.entry_m)[0]
+        offset = lateral_offset(self.insertion.model, state.bodies, state.inserted_m)[0]
         target = self._target(step)
         frame = step in (0, self.steps) or (recording.enabled and step % recording.every_steps == 0)
         record = StepRecord(

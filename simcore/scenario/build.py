@@ -21,8 +21,11 @@ from simcore.tissue.breathing import BreathingMotion
 from simcore.tissue.model import Material, TissueModel
 
 
-def insertion_of(scenario: Scenario) -> Insertion:
-    """The plant of a scenario. Raises ScenarioError for a mesh file that is no longer the one it names."""
+def insertion_of(scenario: Scenario, *, keeps_tissue: bool = True) -> Insertion:
+    """The plant of a scenario. Raises ScenarioError for a mesh file that is no longer the one it names.
+
+    keeps_tissue: whether its steps can be linearised exactly, see `Insertion`.
+    """
     tissue, needle, interaction = tissue_model(scenario.tissue), needle_model(scenario.needle), scenario.interaction
     entry_m = np.array(scenario.trajectory.entry_mm) * 1e-3
     assert interaction.spacing_mm is not None
@@ -34,9 +37,15 @@ def insertion_of(scenario: Scenario) -> Insertion:
         entry_m=entry_m,
     )
     model = CoupledModel(
-        tissue, needle, channel, contact_law(interaction), tolerances(scenario.solver), dt_s=scenario.dt_s
+        tissue=tissue,
+        needle=needle,
+        channel=channel,
+        law=contact_law(interaction),
+        tolerances=tolerances(scenario.solver),
+        entry_m=entry_m,
+        dt_s=scenario.dt_s,
     )
-    return Insertion(model, entry_m=entry_m, motion=breathing_motion(scenario.motion))
+    return Insertion(model, motion=breathing_motion(scenario.motion), keeps_tissue=keeps_tissue)
 
 
 def tissue_model(tissue: Tissue) -> TissueModel:

@@ -10,6 +10,8 @@ The matrix that is factored is sum R_e K_e R_e^T (+ mass, damping): positive sem
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
+from typing import NamedTuple
 
 import numpy as np
 
@@ -19,6 +21,16 @@ from simcore.mesh.mesh import Mesh
 from simcore.mesh.numbering import free_node_order, half_bandwidth
 
 POLAR_ITERATIONS = 30
+
+
+class Tetrahedra(NamedTuple):
+    """What kernels know of the elements: tets (t, 4), gradients (t, 4, 3) 1/m, volumes (t,) m3, mu and lambda."""
+
+    tets: Ints
+    gradients: Floats
+    volumes_m3: Floats
+    mu_pa: float
+    lambda_pa: float
 
 
 @dataclass(frozen=True)
@@ -52,10 +64,15 @@ class TissueModel:
     unknown: Ints
     band: int
 
-    @property
+    @cached_property
     def unknowns(self) -> int:
         """Degrees of freedom that are not held."""
         return 3 * int(np.count_nonzero(self.unknown >= 0))
+
+    @cached_property
+    def tetrahedra(self) -> Tetrahedra:
+        """The elements, for kernels."""
+        return Tetrahedra(self.mesh.tets, self.gradients, self.volumes_m3, self.mu_pa, self.lambda_pa)
 
     @classmethod
     def of(cls, mesh: Mesh, held: Ints, material: Material) -> TissueModel:
@@ -78,7 +95,7 @@ class TissueModel:
 
 
 def shape_gradients(nodes_m: Floats, tets: Ints) -> tuple[Floats, Floats]:
-    """grad N_a (t, 4, 3) 1/m and volumes (t,) m3 of linear tetrahedra at rest."""
+    """Gradients grad N_a (t, 4, 3) 1/m and volumes (t,) m3 of linear tetrahedra at rest."""
     edges = nodes_m[tets[:, 1:]] - nodes_m[tets[:, :1]]
     volumes = np.linalg.det(edges) / 6.0
     inner = np.swapaxes(np.linalg.inv(edges), 1, 2)
@@ -210,7 +227,7 @@ def rotated_stiffness_times(
     rotations: Floats,
     out: Floats,
 ) -> None:
-    """out = sum R_e K_e R_e^T v, (n, 3), K_e the linear stiffness: out_a = V R (2 mu eps + lambda tr(eps) I) grad N_a
+    """Write out = sum R_e K_e R_e^T v, (n, 3), K_e the linear stiffness: V R (2 mu eps + lambda tr(eps) I) grad N_a
     with eps = sym(R^T grad v). Used for the stiffness-proportional damping."""
     out[:] = 0.0
     for e in range(len(tets)):
@@ -235,22 +252,14 @@ def rotated_stiffness_times(
 
 
 @kernel
-def assemble_band(
-    tets: Ints,
-    gradients: Floats,
-    volumes: Floats,
-    mu: float,
-    lam: float,
-    rotations: Floats,
-    unknown: Ints,
-    scale: float,
-    diagonal: Floats,
-    band: Singles,
+def assemble_band(  # noqa: C901  (nested loops over the entries of an element, no cases)
+    tetrahedra: Tetrahedra, rotations: Floats, unknown: Ints, scale: float, diagonal: Floats, band: Singles
 ) -> None:
     """Lower band of scale * sum R_e K_e R_e^T + diag(diagonal), written: band[i - j, j] = A[i, j].
 
     With h_a = R grad N_a: K_ab = V (lambda h_a h_b^T + mu h_b h_a^T + mu (h_a . h_b) I). diagonal: (n,) per node.
     """
+    tets, gradients, volumes, mu, lam = tetrahedra
     band[:] = 0.0
     h = np.empty((4, 3))
     for e in range(len(tets)):

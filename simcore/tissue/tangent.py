@@ -9,13 +9,24 @@ It is symmetric and, under moderate compression, indefinite: it multiplies vecto
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import numpy as np
 
 from simcore.arrays import Floats, Ints
 from simcore.compiled import kernel
+from simcore.tissue.model import Tetrahedra
 
 Triple = tuple[float, float, float]
 Matrix = tuple[Triple, Triple, Triple]  # rows
+
+
+class Dynamics(NamedTuple):
+    """Of a step: inertia (n,) kg/s2 per node, M (1 / dt^2 + alpha / dt), stiffness damping beta s, and dt s."""
+
+    inertia: Floats
+    beta_s: float
+    dt_s: float
 
 
 @kernel
@@ -66,7 +77,7 @@ def _spun(w: Triple, m: Matrix) -> Matrix:
 
 @kernel
 def _added(a: float, m: Matrix, b: float, n: Matrix) -> Matrix:
-    """a M + b N."""
+    """Sum a M + b N."""
     (p, q, r), (u, v, w) = m, n
     return (
         (a * p[0] + b * u[0], a * p[1] + b * u[1], a * p[2] + b * u[2]),
@@ -95,7 +106,7 @@ def _turn_matrix(s: Matrix) -> Matrix:
 
 @kernel
 def _spin(turn: Matrix, a: Matrix) -> Triple:
-    """w of dR = R [w] for A = R^T dF."""
+    """Spin w of dR = R [w] for A = R^T dF."""
     p, q, r = a
     return _mixed(r[1] - q[2], p[2] - r[0], q[0] - p[1], turn)
 
@@ -111,7 +122,7 @@ def _damping_change(a: Matrix, w: Triple, rate: Matrix, mu: float, lam: float, d
 
 @kernel
 def _scatter(r: Floats, stress: Matrix, volume: float, g: Floats, n: Ints, out: Floats) -> None:
-    """out += V R stress grad N_a at the four nodes."""
+    """Add to out V R stress grad N_a at the four nodes."""
     for i in range(3):
         p = _mixed(volume * r[3 * i], volume * r[3 * i + 1], volume * r[3 * i + 2], stress)
         for a in range(4):
@@ -123,22 +134,17 @@ def tangent_times(
     moves: Floats,
     x: Floats,
     x_old: Floats,
-    tets: Ints,
-    gradients: Floats,
-    volumes: Floats,
-    mu: float,
-    lam: float,
+    tetrahedra: Tetrahedra,
     rotations: Floats,
     unknown: Ints,
-    inertia: Floats,
-    beta: float,
-    dt: float,
+    dynamics: Dynamics,
 ) -> Floats:
     """(k, unknowns) N = d(f_tissue + M a + C v) / dx times moves (k, unknowns) m of the free nodes, at x (n, 3) m.
 
-    rotations: (t, 9) the polar rotations at x. inertia: (n,) kg/s2 per node, M (1 / dt^2 + alpha / dt). beta s:
-    stiffness damping of the velocity (x - x_old) / dt, backward Euler.
+    rotations: (t, 9) the polar rotations at x. The velocity is (x - x_old) / dt, backward Euler.
     """
+    tets, gradients, volumes, mu, lam = tetrahedra
+    inertia, beta, dt = dynamics
     count, held = moves.shape
     out, padded = np.zeros((count, held + 3)), np.zeros((count, held + 3))  # the last three: every held node
     padded[:, :held] = moves

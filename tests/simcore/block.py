@@ -10,7 +10,8 @@ from numpy.typing import NDArray
 
 from simcore.errors import Status
 from simcore.insertion.compliance import Compliance
-from simcore.insertion.insertion import Insertion, InsertionState, Pose
+from simcore.insertion.insertion import Insertion, InsertionState
+from simcore.insertion.state import Pose
 from simcore.rotations import exp_map
 from simcore.scenario.build import insertion_of, tissue_model
 from simcore.scenario.scenario import Scenario, Tissue

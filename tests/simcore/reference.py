@@ -10,8 +10,9 @@ from scipy.sparse import coo_array, csr_array
 from scipy.sparse.linalg import spsolve
 from threadpoolctl import threadpool_limits
 
-from simcore.insertion.insertion import Insertion, InsertionState, Pose
-from simcore.needle.beam import internal
+from simcore.insertion.insertion import Insertion, InsertionState
+from simcore.insertion.state import Pose
+from simcore.needle.beam import BeamForces, internal
 from simcore.needle.model import rigid_move
 from simcore.needle.shaft import shaft_frame
 from simcore.rotations import exp_map
@@ -249,10 +250,9 @@ class FullNewton:
 
     def needle_forces(self, at: Iterate) -> Vector:
         m = self.needle.elements
-        forces = np.empty((m + 1, 6))
-        tangent = np.empty((m + 1, 6, 6)), np.empty((m, 6, 6)), np.empty((m, 6, 6))
-        internal(at.needle_x, at.needle_R, *self.needle.constants, forces, *tangent)
-        return forces
+        beams = BeamForces.of_size(m)
+        internal(at.needle_x, at.needle_R, self.needle.section, beams)
+        return beams.forces
 
     def withdrawn(self, i: int) -> bool:
         return bool(self.elements[i] == 0 and self.channel.arc_m[0] > self.needle.length_m + 1e-9)

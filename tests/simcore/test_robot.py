@@ -9,7 +9,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from simcore.insertion.insertion import Pose, rotation_towards
+from simcore.insertion.insertion import rotation_towards
+from simcore.insertion.state import Pose
 from simcore.robot import RobotLimits, limited_pose
 from simcore.rotations import exp_map, log_map
 

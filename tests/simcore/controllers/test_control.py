@@ -196,7 +196,9 @@ class Held:
     def __init__(self, described: Scenario) -> None:
         self.scenario, self.insertion, self.path = described, insertion_of(described), described.path()
         self.state = self.insertion.initial_state(self.path.first_tangent())
-        self.controller = InverseFemController(InverseFem(), lambda _: linearise(self.insertion, self.state))
+        self.controller = InverseFemController(
+            InverseFem(), lambda _: linearise(self.insertion.model, self.state.solved)
+        )
         self.limited: list[bool] = []
 
     def follow(self, target_m: Vector) -> Vector:

@@ -10,7 +10,8 @@ import pytest
 
 from simcore.contact.channel import Phase
 from simcore.errors import Status
-from simcore.insertion.insertion import Insertion, InsertionState, Pose
+from simcore.insertion.insertion import Insertion, InsertionState
+from simcore.insertion.state import Pose
 from simcore.scenario.build import insertion_of
 from tests.simcore.block import (
     AHEAD,
@@ -104,7 +105,7 @@ def test_signorini_before_puncture() -> None:
     """No force away from the surface; a push indents it, tip and surface together; pulled back it lets go."""
     trip = straight_trip(np.array([-1e-4, 2e-4, 4e-4, 1e-4, -1e-4]), interaction={"puncture_n": 1.0})
     forces = [state.base_wrench[2] for state in trip.states]
-    surface = [s.channel.position(trip.insertion.channel_model, 0, s.bodies.x)[2] for s in trip.states]
+    surface = [s.channel.position(trip.insertion.model.channel, 0, s.bodies.x)[2] for s in trip.states]
     text, numbers = "before puncture", {"source": "Signorini: force or gap"}
     check(f"{text}: force without contact", expected=0, measured=forces[1::4], tolerance=1e-8, unit="N", **numbers)
     depths = [2e-4, 4e-4, 1e-4]

@@ -7,8 +7,9 @@ from dataclasses import dataclass
 import numpy as np
 import pytest
 
-from simcore.insertion.insertion import Insertion, InsertionState, Pose
+from simcore.insertion.insertion import Insertion, InsertionState
 from simcore.insertion.jacobian_fast import Linearisation, lateral_offset, linearise
+from simcore.insertion.state import Pose
 from simcore.scenario.build import insertion_of
 from tests.simcore.block import AHEAD, advanced, block_scenario, curved_pose, moved
 from tests.verification import verify
@@ -38,7 +39,7 @@ class Case:
             for sign in (1.0, -1.0):
                 change = sign * delta_m * unit / COLUMN
                 state = advanced(self.insertion, self.before, moved(self.base, change[:3], change[3:]))
-                offset = lateral_offset(self.insertion, state, self.insertion.entry_m)[0]
+                offset = lateral_offset(self.insertion.model, state.bodies, state.inserted_m)[0]
                 ends.append(np.concatenate([state.tip_m, offset]))
             columns.append((ends[0] - ends[1]) / (2 * delta_m))
         both = np.array(columns).T
@@ -54,7 +55,7 @@ def case(step: int, **blocks: dict[str, object]) -> Case:
         state = advanced(insertion, state, curved_pose(first, depth))
     base = curved_pose(first, PUSH_PULL_M[step])
     after = advanced(insertion, state, base)
-    return Case(insertion, state, after, base, linearise(insertion, after))
+    return Case(insertion, state, after, base, linearise(insertion.model, after.solved))
 
 
 def error(found: Vector, expected: Vector) -> float:
@@ -116,7 +117,7 @@ def test_a_free_needle_follows_rigidly() -> None:
     after = advanced(insertion, start, moved(start.base, np.array([1e-3, 2e-3, -0.02]), np.array([0.2, -0.1, 0.3])))
     arm = after.tip_m - after.base.position_m
     expected = np.column_stack([np.eye(3), np.cross(np.eye(3), arm).T])
-    text, found = "Jacobian of a free needle", linearise(insertion, after).tip
+    text, found = "Jacobian of a free needle", linearise(insertion.model, after.solved).tip
     verify("coupled", text, expected=expected, measured=found, tolerance=1e-9, source="rigid body, dX - (tip - X) x dw")
 
 

@@ -133,8 +133,7 @@ def ball(mesh: Mesh, centre: Vector, radius_m: float) -> Vector:
     quadrature = Ball.of_radius(radius_m, mesh)
     slot = np.full(len(mesh.nodes_m), -1)
     nodes, weights = np.zeros(quadrature.capacity, np.int64), np.zeros(quadrature.capacity)
-    tables = (quadrature.offsets_m, quadrature.kernel, quadrature.cell_m, mesh.geometry)
-    count = weights_of_ball(centre, *tables, slot, nodes, weights)
+    count = weights_of_ball(centre, quadrature.rule, slot, nodes, weights)
     assert count <= quadrature.capacity
     assert (slot == -1).all()
     full = np.zeros(len(mesh.nodes_m))

@@ -12,7 +12,7 @@ from scipy.optimize import brentq
 from scipy.spatial.transform import Rotation
 
 from simcore.errors import Status
-from simcore.needle.beam import internal
+from simcore.needle.beam import BeamForces, internal
 from simcore.needle.model import (
     NeedleModel,
     StaticSolution,
@@ -50,9 +50,8 @@ def unit_rod(elements: int, *, axial_n: float = RIGID, shear_n: float = math.inf
 
 
 def evaluate(model: NeedleModel, x: Vector, R: Vector) -> tuple[Vector, Vector, Vector, Vector]:
-    n = model.elements
-    out = np.empty((n + 1, 6)), np.empty((n + 1, 6, 6)), np.empty((n, 6, 6)), np.empty((n, 6, 6))
-    internal(x, R, *model.constants, *out)
+    out = BeamForces.of_size(model.elements)
+    internal(x, R, model.section, out)
     return out
 
 

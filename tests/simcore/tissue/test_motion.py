@@ -80,7 +80,7 @@ def test_an_unloaded_tissue_moves_as_one_piece(faces: list[str]) -> None:
     for i, state in enumerate(states):
         np.testing.assert_allclose(state.bodies.x, rest + motion.shift_m(0.01 * i), atol=1e-15)
         assert state.report.min_det_f == pytest.approx(1.0, abs=1e-12)
-    assert np.abs(insertion.coupled.held).max() < 1e-12
+    assert np.abs(insertion.workspace.held_n).max() < 1e-12
     assert np.abs(states[25].bodies.x - rest).max() > 9e-3
 
 
