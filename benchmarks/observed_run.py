@@ -13,7 +13,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from simcore.rollout.records import Scene, StepRecord
-from simcore.rollout.rollout import Rollout, compile_kernels, run
+from simcore.rollout.result import Rollout
+from simcore.rollout.rollout import compile_kernels, run
 from simcore.rollout.series import lateral_forces
 from simcore.scenario.scenario import Scenario
 

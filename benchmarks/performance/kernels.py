@@ -11,9 +11,12 @@ from benchmarks.measurements import Figure, Part, figure
 from benchmarks.performance.step_clock import MeasurementError, limit_of
 from benchmarks.ports import BenchPorts, Clock
 from simcore.errors import Status
-from simcore.insertion.insertion import Insertion, InsertionState, Pose
+from simcore.insertion.insertion import Insertion, InsertionState
+from simcore.insertion.response import linear_response
+from simcore.insertion.state import Pose
 from simcore.needle.beam import internal
 from simcore.rollout.rollout import compile_kernels
+from simcore.scenario.build import insertion_of
 from simcore.scenario.scenario import Scenario
 
 ROUNDS = 30
@@ -48,7 +51,7 @@ def micro(ports: BenchPorts) -> Part:
 
 def half_way(scenario: Scenario) -> tuple[Insertion, InsertionState]:
     """The plant with the straight needle pushed along the path's first tangent to half its length."""
-    insertion, path = Insertion(scenario), scenario.path()
+    insertion, path = insertion_of(scenario), scenario.path()
     tangent = path.first_tangent()
     state = insertion.initial_state(tangent)
     start = insertion.initial_base(tangent)
@@ -61,19 +64,19 @@ def half_way(scenario: Scenario) -> tuple[Insertion, InsertionState]:
 
 
 def _kernels(insertion: Insertion, state: InsertionState) -> dict[str, Kernel]:
-    coupled = insertion.coupled
+    workspace, solved = insertion.workspace, state.solved
+    between = workspace.compliance.between_points
     bodies, needle, right = state.bodies, insertion.needle, np.ones(insertion.tissue.unknowns)
     columns = np.ones((insertion.tissue.unknowns, 3), np.float32, order="F")
-    rotations = coupled.blocks.rotations()
+    rotations = workspace.blocks.rotations()
     held = np.zeros_like(bodies.x)
-    beams = (coupled.needle_forces, coupled.diag, coupled.upper, coupled.lower)
     return {
-        "force": lambda: coupled.blocks.evaluate(bodies.x, held),
-        "back_solve": lambda: coupled.compliance.solve(right),
-        "columns": lambda: coupled.compliance.solve(columns),
-        "w": coupled.linear_response,
-        "beams": lambda: internal(bodies.needle_x, bodies.needle_R, *needle.constants, *beams),
-        "refactor": lambda: coupled.compliance.refactor(rotations),
+        "force": lambda: workspace.blocks.evaluate(bodies.x, held),
+        "back_solve": lambda: workspace.compliance.solve(right),
+        "columns": lambda: workspace.compliance.solve(columns),
+        "w": lambda: linear_response(solved.active, solved.at.points, solved.beams, between),
+        "beams": lambda: internal(bodies.needle_x, bodies.needle_R, needle.section, workspace.beams),
+        "refactor": lambda: workspace.compliance.refactor(rotations),
     }
 
 

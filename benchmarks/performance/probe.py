@@ -20,7 +20,7 @@ from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from simcore.rollout.records import Scene, StepRecord
-    from simcore.rollout.rollout import Rollout
+    from simcore.rollout.result import Rollout
 
 FIRST = "step"
 

@@ -10,10 +10,11 @@ from numpy.typing import NDArray
 from benchmarks.performance.reference_kernels import ReferenceStep
 from benchmarks.ports import Clock
 from simcore.errors import NeedlebenchError, Status
-from simcore.insertion.insertion import Insertion
 from simcore.mesh.mesh import BoxMesh
 from simcore.rollout.records import Scene, StepRecord
-from simcore.rollout.rollout import Rollout, run
+from simcore.rollout.result import Rollout
+from simcore.rollout.rollout import run
+from simcore.scenario.build import insertion_of
 from simcore.scenario.scenario import Scenario
 
 Vector = NDArray[np.float64]
@@ -72,7 +73,7 @@ class _StepClock:
 
 def limit_of(scenario: Scenario) -> ReferenceStep:
     """L0 on the mesh and material of a scenario."""
-    tissue = Insertion(scenario).tissue
+    tissue = insertion_of(scenario).tissue
     if not isinstance(tissue.mesh, BoxMesh):
         raise MeasurementError("the unit L0 is defined on the box mesh only")
     held = np.flatnonzero(tissue.unknown < 0)

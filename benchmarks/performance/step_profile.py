@@ -15,10 +15,11 @@ from benchmarks.builtin_scenarios import benchmark_scenario
 from benchmarks.measurements import Part, Table
 from benchmarks.ports import BenchPorts, Clock
 from simcore.controllers import ifem, plant_model
-from simcore.insertion import compliance, insertion, solver
+from simcore.insertion import compliance, insertion, iteration
 from simcore.rollout import series
 from simcore.rollout.records import Scene, StepRecord
-from simcore.rollout.rollout import Rollout, _Loop, run
+from simcore.rollout.result import Rollout
+from simcore.rollout.rollout import _Loop, run
 from simcore.scenario.scenario import Scenario
 
 PYTHON = "Python between the kernels"
@@ -40,7 +41,8 @@ STAGES = {  # kernel -> stage; a kernel that is not here is listed under its own
     "project_inactive": "constraint geometry",
     "inserted_rest_length": "constraint geometry",
     "tributary_lengths": "constraint geometry",
-    "tissue_residual": "residuals",
+    "free_residual": "residuals",
+    "add_needle_forces": "residuals",
     "needle_residual": "residuals",
     "staircases": "contact laws",
     "law_residual": "contact laws",
@@ -50,7 +52,7 @@ METHODS: tuple[tuple[Any, str, str, bool], ...] = (  # owner, name, stage, wheth
     (compliance.Compliance, "solve", "back-solve", True),
     (compliance.Compliance, "refactor", "refactor", True),
     (compliance.Compliance, "sync", "compliance columns and rows", True),
-    (solver.Coupled, "_move_tissue", "tissue moves by the columns", True),
+    (iteration, "move_tissue", "tissue moves by the columns", True),
     (insertion.Insertion, "_settle", "channel: cut, create, drop", True),
     (ifem.InverseFemController, "command", "command", False),
     (plant_model, "linearise", "Jacobian", True),

@@ -19,7 +19,8 @@ from numpy.typing import NDArray
 
 from service.recording.layout import DISPLACEMENT_SCALE_M
 from service.recording.section import Section, Surface, section, surface
-from simcore.rollout.records import Scene, StepRecord, Vector
+from simcore.arrays import Floats
+from simcore.rollout.records import Scene, StepRecord
 
 Vector32 = NDArray[np.float32]
 Colors = NDArray[np.uint32]
@@ -116,8 +117,8 @@ class Drawing:
     scene: Scene
     surface: Surface
     section: Section
-    surface_rest_m: Vector  # (v, 3) of the surface's nodes
-    section_rest_m: Vector  # (s, 3) of the section's points
+    surface_rest_m: Floats  # (v, 3) of the surface's nodes
+    section_rest_m: Floats  # (s, 3) of the section's points
 
     @classmethod
     def of(cls, scene: Scene) -> Drawing:
@@ -127,7 +128,7 @@ class Drawing:
         return cls(scene, outer, cut, rest[outer.nodes], cut.positions(rest))
 
 
-def displacement_colors(moved_m: Vector) -> Colors:
+def displacement_colors(moved_m: Floats) -> Colors:
     """(n,) colours 0xRRGGBBAA of displacements (n, 3) m, from none to DISPLACEMENT_SCALE_M and beyond."""
     x, y, z = moved_m.T
     level = np.sqrt(x * x + y * y + z * z) / DISPLACEMENT_SCALE_M
@@ -194,7 +195,7 @@ class Frame(NamedTuple):
     edges: Vector32  # (e, 2, 3)
 
     @classmethod
-    def of(cls, drawing: Drawing, row: int, nodes_m: Vector) -> Frame:
+    def of(cls, drawing: Drawing, row: int, nodes_m: Floats) -> Frame:
         """Of the tissue's nodes (n, 3) m."""
         outer, cut = drawing.surface, drawing.section
         shell = _coloured(nodes_m.take(outer.nodes, axis=0), drawing.surface_rest_m)
@@ -202,7 +203,7 @@ class Frame(NamedTuple):
         return cls(row, shell, plane, nodes_m.take(outer.edges, axis=0).astype(np.float32))
 
 
-def _coloured(moved_m: Vector, rest_m: Vector) -> Coloured:
+def _coloured(moved_m: Floats, rest_m: Floats) -> Coloured:
     return moved_m.astype(np.float32), displacement_colors(moved_m - rest_m)
 
 

@@ -19,6 +19,7 @@ from benchmarks.performance.reference_kernels import (
 )
 from simcore.mesh.mesh import BoxMesh
 from simcore.rotations import exp_map
+from simcore.scenario.build import tissue_model
 from simcore.scenario.scenario import Tissue
 from simcore.tissue.model import TissueModel, elastic_forces
 
@@ -27,7 +28,7 @@ EDGES_MM = (18.0, 10.0)
 
 @pytest.fixture(scope="module", params=EDGES_MM)
 def model(request: pytest.FixtureRequest) -> TissueModel:
-    return TissueModel.from_scenario(Tissue(element_size_mm=request.param))
+    return tissue_model(Tissue(element_size_mm=request.param))
 
 
 @pytest.fixture(scope="module")
