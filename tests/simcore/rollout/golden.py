@@ -7,9 +7,12 @@ with it.
 from __future__ import annotations
 
 import json
+from importlib.metadata import version
 from pathlib import Path
 
-from simcore.provenance import provenance
+from llvmlite.binding import get_host_cpu_name
+from threadpoolctl import threadpool_info
+
 from simcore.rollout.rollout import run
 from simcore.scenario.presets import preset, preset_names
 
@@ -25,13 +28,18 @@ def measured(name: str) -> dict[str, float]:
 
 
 def machine() -> str:
-    """The kind of processor: between kinds, the libraries take other instructions and round otherwise."""
-    return str(provenance(preset("line").resolved())["cpu"])
+    """What rounding depends on: the processor that kernels are compiled for, the BLAS kernels, versions of libraries.
+
+    Between two of these, libraries take other instructions, and sums are rounded otherwise.
+    """
+    blas = sorted({str(pool["architecture"]) for pool in threadpool_info() if "architecture" in pool})
+    packages = [f"{name} {version(name)}" for name in ("numpy", "scipy", "numba", "llvmlite")]
+    return ", ".join([get_host_cpu_name(), *blas, *packages])
 
 
 def main() -> None:
     """Write the file."""
-    found = {"cpu": machine(), "scenarios": {name: measured(name) for name in preset_names()}}
+    found = {"machine": machine(), "scenarios": {name: measured(name) for name in preset_names()}}
     FILE.write_text(json.dumps(found, indent=2) + "\n")
 
 
