@@ -47,7 +47,7 @@ class Service:
 
     @classmethod
     def open(cls, settings: Settings) -> Service:
-        """The service on its data folder, not yet running. Raises DatabaseTooNew."""
+        """The service on its data folder, not yet running. Raises ForeignDatabaseError."""
         changes, monitor = Changes(), Monitor()
         store = Store(open_database(settings.database), limits=settings.limits)
         statuses = Statuses(store)

@@ -9,7 +9,7 @@ from starlette.concurrency import run_in_threadpool
 
 from service.api.schemas.jobs import JobView
 from service.store.job import Job
-from service.store.job_queries import Reads
+from service.store.job_queries import JobQueries
 
 _MOST = 500  # jobs that are remembered, about 6 kB each
 
@@ -30,7 +30,7 @@ class Status:
 class Statuses:
     """The last status of each job that somebody asked for. `forget` must hear of every change, once it can be read."""
 
-    def __init__(self, store: Reads, *, most: int = _MOST) -> None:
+    def __init__(self, store: JobQueries, *, most: int = _MOST) -> None:
         self._store = store
         self._most = most
         self._lock = threading.Lock()

@@ -115,7 +115,7 @@ def _orphans(store: Store, folder: Path) -> list[Path]:
     attempts = {path: [part for part in path.iterdir() if part.name.isdigit()] for path in present if path.is_dir()}
     for path, parts in attempts.items():
         with suppress(UnknownJob):
-            job = store.glance(path.name)
+            job = store.get_summary(path.name)
             found += [part for part in parts if job.terminal and int(part.name) < job.attempt]
             continue
         found.append(path)

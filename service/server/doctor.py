@@ -147,7 +147,7 @@ def _database(settings: Settings) -> Check:
         return Check(name="database", level="bad", found=f"{settings.database}: {error}", advice=advice)
     known = revisions()
     if present is not None and present not in known:
-        advice = "it was written by a later needlebench: install that version, or choose another folder"
+        advice = "it was written by another version of needlebench: use that version, or choose another folder"
         return Check(
             name="database", level="bad", found=f"tables {present}, this version knows {known[0]}", advice=advice
         )

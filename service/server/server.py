@@ -47,7 +47,7 @@ def serve(settings: Settings, *, announce: Callable[[str], None], until_stdin_cl
     """Serve until SIGINT or SIGTERM; running jobs then end within `settings.drain_s` or go back into the queue.
 
     announce: hears the address once the service listens. until_stdin_closes: end with the process
-    that holds the other end of standard input. Raises CannotServe, DatabaseTooNew.
+    that holds the other end of standard input. Raises CannotServe, ForeignDatabaseError.
     """
     _share_arenas()
     with contextlib.ExitStack() as stack:

@@ -9,7 +9,7 @@ from typing import Any
 
 from sqlalchemy import Connection, Row, case, delete, func, insert, select, update
 
-from service.store import access_tables, tables
+from service.store import schema
 from service.store.campaign import (
     CANCELLED,
     DONE,
@@ -21,14 +21,14 @@ from service.store.campaign import (
     Tally,
     UnknownCampaign,
 )
-from service.store.campaign_tables import campaign as _campaign
-from service.store.campaign_tables import campaign_case as _case
 from service.store.job import QUEUED, TERMINAL
 from service.store.job import RUNNING as JOB_RUNNING
 from service.store.jobs import Store
+from service.store.schema import campaign as _campaign
+from service.store.schema import campaign_case as _case
 from service.store.upload_references import check_uploads
 
-_job = tables.job
+_job = schema.job
 _COLUMNS = [_campaign.c[field.name] for field in fields(Campaign)]
 
 
@@ -101,10 +101,10 @@ class CampaignStore:
         connection.execute(insert(_case), cases)
         used = [{"job_id": i, "upload_id": upload} for i in ids for upload in plan.uploads]
         if used:
-            connection.execute(insert(access_tables.job_upload), used)
+            connection.execute(insert(schema.job_upload), used)
         data = {"priority": plan.priority, "timeout_s": plan.timeout_s, "campaign": made.id}
         events = [{"job_id": i, "at": now, "kind": QUEUED, "attempt": 0, "data": data} for i in ids]
-        connection.execute(insert(tables.event), events)
+        connection.execute(insert(schema.event), events)
 
     # -- reading
 
@@ -193,7 +193,7 @@ class CampaignStore:
             for row in rows
         ]
         if events:
-            connection.execute(insert(tables.event), events)
+            connection.execute(insert(schema.event), events)
             self._store.changed_within(event["job_id"] for event in events)
         row = connection.execute(
             update(_campaign)

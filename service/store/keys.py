@@ -13,8 +13,8 @@ from sqlalchemy.exc import OperationalError
 
 from service.access import ADMIN, SCOPES, Caller
 from service.api_key import digest_of, id_of, new_key
-from service.store.access_tables import api_key, session
 from service.store.jobs import Store
+from service.store.schema import api_key, session
 from simcore.errors import NeedlebenchError, Problem, ScenarioError
 
 ENVIRONMENT = "environment"  # the id of the key in NEEDLEBENCH_API_KEY

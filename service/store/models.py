@@ -12,11 +12,10 @@ from sqlalchemy import select
 
 from service.files.model_content import model_content
 from service.files.upload_names import SCHEME, UPLOAD_ID
-from service.store.access_tables import job_upload
 from service.store.job import Job
 from service.store.job_queries import LISTED, to_job
 from service.store.jobs import Store
-from service.store.tables import job
+from service.store.schema import job, job_upload
 from service.store.uploads import Upload, Uploads
 from simcore.errors import NeedlebenchError
 from simcore.learning.trained import DEFAULT, PACKAGED, REGRESSORS

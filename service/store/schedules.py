@@ -12,9 +12,6 @@ from sqlalchemy import Connection, Row, delete, insert, select, update
 from sqlalchemy.exc import IntegrityError
 
 from service.store.campaign import RUNNING, CampaignPlan
-from service.store.campaign_tables import campaign as _campaign
-from service.store.campaign_tables import schedule as _schedule
-from service.store.campaign_tables import schedule_run as _run
 from service.store.campaigns import CampaignStore
 from service.store.jobs import Store
 from service.store.schedule import (
@@ -31,6 +28,9 @@ from service.store.schedule import (
     ticks,
     to_fire,
 )
+from service.store.schema import campaign as _campaign
+from service.store.schema import schedule as _schedule
+from service.store.schema import schedule_run as _run
 from simcore.errors import NeedlebenchError
 
 _COLUMNS = [_schedule.c[field.name] for field in fields(Schedule)]

@@ -9,8 +9,8 @@ from sqlalchemy import Connection, select
 
 from service.files.references import references
 from service.files.upload_names import SCHEME
-from service.store.access_tables import upload
 from service.store.job import UploadGone
+from service.store.schema import upload
 from simcore.errors import Problem
 
 _GONE = "the upload was deleted: send it again with `needlebench upload`"

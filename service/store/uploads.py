@@ -21,11 +21,9 @@ from sqlalchemy import Connection, delete, func, insert, select, update
 from service.files.references import references
 from service.files.upload_names import UploadLookup
 from service.limits import Limits
-from service.store.access_tables import job_upload, upload
-from service.store.campaign_tables import campaign, schedule
 from service.store.job import QUEUED, RUNNING, Job
 from service.store.jobs import Store
-from service.store.tables import job
+from service.store.schema import campaign, job, job_upload, schedule, upload
 from simcore.errors import NeedlebenchError
 
 _PART = ".part"

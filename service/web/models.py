@@ -64,7 +64,7 @@ def get_model(model_id: ModelId, request: Request, service: ServiceOf) -> Respon
 def _still_there(service: ServiceOf, job_id: str | None) -> str | None:
     """The job, unless it was deleted."""
     try:
-        return None if job_id is None else service.store.glance(job_id).id
+        return None if job_id is None else service.store.get_summary(job_id).id
     except UnknownJob:
         return None
 

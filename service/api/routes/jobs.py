@@ -179,7 +179,7 @@ def pin_job(job_id: JobId, service: ServiceOf) -> JobView:
 )
 def unpin_job(job_id: JobId, service: ServiceOf, request: Request) -> None:
     """It may be cleared away again. Once more is no error. Another key's needs the scope admin."""
-    request.state.caller.must_own(service.store.glance(job_id).owner, f"job {job_id}")
+    request.state.caller.must_own(service.store.get_summary(job_id).owner, f"job {job_id}")
     service.store.pin(job_id, pinned=False)
 
 
@@ -192,6 +192,6 @@ def unpin_job(job_id: JobId, service: ServiceOf, request: Request) -> None:
 )
 def delete_job(job_id: JobId, service: ServiceOf, request: Request) -> None:
     """Forget the job, with its result, series and recording. Another key's needs the scope admin."""
-    request.state.caller.must_own(service.store.glance(job_id).owner, f"job {job_id}")
+    request.state.caller.must_own(service.store.get_summary(job_id).owner, f"job {job_id}")
     service.store.delete(job_id)
     shutil.rmtree(service.settings.jobs / job_id, ignore_errors=True)

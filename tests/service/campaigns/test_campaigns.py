@@ -141,7 +141,7 @@ def test_cancelling_keeps_what_is_finished(both: tuple[TestClient, Service]) -> 
     now = http.get(made["links"]["self"]).json()
     assert (now["state"], now["cancelling"]) == ("running", True)
     assert now["jobs"] == {"succeeded": 1, "running": 1, "cancelled": 2}
-    assert service.store.glance(second.id).cancel_requested
+    assert service.store.get_summary(second.id).cancel_requested
     service.store.finish(second, Outcome(state=CANCELLED))
     service.keeper.look()
     assert http.get(made["links"]["self"]).json()["state"] == "cancelled"

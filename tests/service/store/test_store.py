@@ -24,8 +24,8 @@ from service.store.job import (
     Outcome,
     UnknownJob,
 )
+from service.store.job_queries import NEXT
 from service.store.jobs import Store
-from service.store.statements import NEXT
 from tests.service.databases import lay_down
 
 
