@@ -84,13 +84,13 @@ def _of_job(job_id: str, url: str | None, data: Path | None, observer: Observer 
     if not re.fullmatch("[0-9a-z]{1,32}", job_id):
         raise CannotVerify("is neither a file nor the id of a job")
     if data is not None:
-        from service.files.lock import Busy, held
+        from service.files.lock import LockHeldError, file_lock
         from service.server.server import endpoint
 
         try:
-            with held(data / "server.lock"):
+            with file_lock(data / "server.lock"):
                 return _of_folder(job_id, data, observer)
-        except Busy:
+        except LockHeldError:
             url = endpoint(data)
     with client_of(url) as client:
         return asked(lambda: client.verify(job_id, observer))

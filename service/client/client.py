@@ -15,7 +15,7 @@ from service.client.campaigns import CampaignCalls
 from service.client.connection import CannotWrite, ServiceError, Unreachable, part, refusal
 from service.client.models import ModelCalls
 from service.client.records import JobEvent, JobStatus, Progress, Uploaded
-from service.files.references import references
+from service.files.upload_names import references
 from simcore.scenario.scenario import Scenario
 
 if TYPE_CHECKING:

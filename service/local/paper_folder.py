@@ -19,7 +19,7 @@ from pathlib import Path
 from typing import Any, BinaryIO
 
 from benchmarks.cases import Case, Outcome, RunMany
-from service.files.lock import Busy, held
+from service.files.lock import LockHeldError, file_lock
 from simcore.errors import Problem, ScenarioError
 from simcore.rollout.artefacts import replace_atomically
 
@@ -87,12 +87,12 @@ def opened(
     except OSError as error:
         raise folder._refused(f"cannot be written: {error.strerror}") from None
     try:
-        with held(path / ".lock"):
+        with file_lock(path / ".lock"):
             if extend or not (path / RUN).exists():
                 write_json(path / RUN, identity)
             _sweep(path)
             yield folder
-    except Busy as error:
+    except LockHeldError as error:
         raise folder._refused(f"is in use by {error or 'another process'}") from None
 
 

@@ -11,8 +11,8 @@ from typing import TYPE_CHECKING, Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from service.files.strict_json import without_nan
 from service.files.upload_names import SCHEME, UPLOAD_ID
-from service.worker.attempt import clean
 from simcore.errors import NeedlebenchError
 from simcore.file_names import NoSuchFile, names_mean
 from simcore.provenance import provenance
@@ -62,7 +62,7 @@ class Verdict:
 
     def data(self) -> dict[str, Any]:
         """As JSON data; numbers that are not finite become null."""
-        return dict(clean(asdict(self)))
+        return dict(without_nan(asdict(self)))
 
 
 class Files:

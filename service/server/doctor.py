@@ -121,16 +121,16 @@ def _data(settings: Settings) -> Check:
 
 
 def _lock(settings: Settings) -> Check:
-    from service.files.lock import Busy, held
+    from service.files.lock import LockHeldError, file_lock
     from service.server.server import endpoint
 
     path = settings.data / "server.lock"
     if not path.exists():
         return Check(name="service", level="ok", found="none runs on this folder")
     try:
-        with held(path):
+        with file_lock(path):
             return Check(name="service", level="ok", found="none runs on this folder")
-    except Busy as busy:
+    except LockHeldError as busy:
         found = f"{busy or 'a service'} serves this folder at {endpoint(settings.data) or 'an unknown address'}"
         return Check(name="service", level="ok", found=found)
 

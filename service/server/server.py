@@ -25,7 +25,7 @@ from sqlalchemy.exc import DatabaseError
 from service import logs
 from service.api.context import Service
 from service.app import create_app
-from service.files.lock import Busy, held
+from service.files.lock import LockHeldError, file_lock
 from service.server.http_protocol import Protocol
 from service.settings import DEFAULT_PORT, Settings, url_of
 from service.worker.progress import replace_text
@@ -53,7 +53,7 @@ def serve(settings: Settings, *, announce: Callable[[str], None], until_stdin_cl
     with contextlib.ExitStack() as stack:
         with _told(settings.data):
             settings.data.mkdir(parents=True, exist_ok=True)
-            stack.enter_context(held(settings.data / "server.lock"))
+            stack.enter_context(file_lock(settings.data / "server.lock"))
         listener = stack.enter_context(contextlib.closing(listen(settings.host, settings.port)))
         with _told(settings.data):
             service = Service.open(settings)
@@ -83,7 +83,7 @@ def _told(data: Path) -> Iterator[None]:
     """What is wrong with a data folder in words that say what to do. Raises CannotServe."""
     try:
         yield
-    except Busy as busy:
+    except LockHeldError as busy:
         raise CannotServe(_taken(data, str(busy))) from None
     except (OSError, DatabaseError) as error:
         reason = error.strerror if isinstance(error, OSError) else error.orig

@@ -7,8 +7,7 @@ from typing import Any
 
 from sqlalchemy import Connection, select
 
-from service.files.references import references
-from service.files.upload_names import SCHEME
+from service.files.upload_names import SCHEME, references
 from service.store.job import UploadGone
 from service.store.schema import upload
 from simcore.errors import Problem

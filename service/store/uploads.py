@@ -18,8 +18,7 @@ from typing import Any
 
 from sqlalchemy import Connection, delete, func, insert, select, update
 
-from service.files.references import references
-from service.files.upload_names import UploadLookup
+from service.files.upload_names import UploadLookup, references
 from service.limits import Limits
 from service.store.job import QUEUED, RUNNING, Job
 from service.store.jobs import Store

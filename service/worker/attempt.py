@@ -8,7 +8,6 @@ from __future__ import annotations
 import hashlib
 import importlib
 import logging
-import math
 import os
 import signal
 import sys
@@ -21,6 +20,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from service.files.disk import REFUSALS
+from service.files.strict_json import without_nan
 from service.logs import LOG, ROOT, job_log
 from service.worker.progress import ProgressFile
 from service.worker.training_job import MODEL
@@ -123,7 +123,7 @@ def execute(runner: str, spec: dict[str, Any], folder: str) -> dict[str, Any]:
 def _attempted(runner: str, spec: dict[str, Any], target: Path) -> tuple[Any, dict[str, str] | None]:
     """The result, or the error in its place."""
     try:
-        return clean(resolve(runner)(spec, target)), None
+        return without_nan(resolve(runner)(spec, target)), None
     except MemoryError as failure:
         return None, {"kind": "out_of_memory", "message": _told(spec, failure)}
     except OSError as failure:
@@ -159,17 +159,6 @@ def stoppable() -> Iterator[None]:
         os._exit(128 + signal.SIGTERM)
     finally:
         signal.signal(signal.SIGTERM, before)
-
-
-def clean(value: Any) -> Any:
-    """JSON data without NaN and infinities, which JSON does not have: they become null."""
-    if isinstance(value, float):
-        return value if math.isfinite(value) else None
-    if isinstance(value, dict):
-        return {key: clean(item) for key, item in value.items()}
-    if isinstance(value, list | tuple):
-        return [clean(item) for item in value]
-    return value
 
 
 def describe(folder: Path) -> list[dict[str, Any]]:

@@ -22,7 +22,7 @@ from typing import Any
 import pebble
 
 from service.blas_threads import one_thread
-from service.files.lock import held
+from service.files.lock import file_lock
 from service.worker import attempt as worker
 from simcore.errors import NeedlebenchError
 
@@ -81,7 +81,7 @@ def answer(future: Future[Any]) -> Any:
 
 def warm(runner: str, lock: str) -> int:
     """In the worker: make ready for `runner`; the process id. One worker at a time compiles, the next finds it done."""
-    with held(Path(lock), wait=True):
+    with file_lock(Path(lock), wait=True):
         worker.resolve(f"{runner.partition(':')[0]}:warm_up")()
     return os.getpid()
 

@@ -167,7 +167,7 @@ def test_the_doctor_finds_a_newer_and_a_broken_database(tmp_path: Path) -> None:
         connection.execute("UPDATE alembic_version SET version_num = '9999'")
     connection.close()
     newer = doctor("--data", str(tmp_path))
-    assert (newer.exit_code, "later needlebench" in newer.output) == (1, True)
+    assert (newer.exit_code, "another version of needlebench" in newer.output) == (1, True)
     path.write_bytes(b"no database" * 100)
     broken = doctor("--data", str(tmp_path))
     assert (broken.exit_code, "restore a copy" in broken.output) == (1, True)
