@@ -11,7 +11,7 @@ from pydantic import BaseModel, ConfigDict, Field
 from service.files.upload_names import SCHEME, UPLOAD_ID
 from service.limits import Limits
 from service.store.uploads import Upload
-from service.worker.training_job import SETTINGS, untrained
+from service.worker.training_job import SETTINGS, new_regressor
 from simcore.errors import Problem, ScenarioError
 from simcore.learning.regressor import DataError
 from simcore.learning.trained import INPUTS, MAXIMUM_MB, OUTPUTS
@@ -84,7 +84,7 @@ class TrainRequest(BaseModel):
         if problems:
             raise ScenarioError(problems)
         try:
-            settings = untrained(self.kind, given).settings()
+            settings = new_regressor(self.kind, given).settings()
         except DataError as error:
             raise ScenarioError([Problem("kind", self.kind, str(error))]) from None
         names = ("data", "kind", "split", "samples")
@@ -116,7 +116,7 @@ def check_training(training: dict[str, Any], data: Upload, limits: Limits) -> No
 def cost_mb(training: dict[str, Any], rows: int, all_rows: int) -> tuple[float, float]:
     """Memory that the training needs and length of the model's file, MB. Good to a factor of two or so."""
     settings, kind = training["settings"], training["kind"]
-    shapes = untrained(kind, settings).shapes(INPUTS, OUTPUTS)
+    shapes = new_regressor(kind, settings).shapes(INPUTS, OUTPUTS)
     numbers = sum(math.prod(rows if length == -1 else length for length in shape) for shape in shapes.values())
     columns = settings["nodes"] if kind == "elm" else INPUTS
     solved = COPIES * (rows + columns) * columns if kind in ("elm", "linear") else 0

@@ -213,11 +213,11 @@ def read_data(source: Path) -> Dataset:
 def _regressor(
     kind: str, *, nodes: int, ridge: float, weights: float, neighbours: int, hidden: str, seed: int
 ) -> Regressor:
-    from service.worker.training_job import SETTINGS, untrained
+    from service.worker.training_job import SETTINGS, new_regressor
 
     given: dict[str, Any] = {"nodes": nodes, "ridge": ridge, "weight_range": weights, "neighbours": neighbours}
     given |= {"hidden": layers_of(hidden), "seed": seed}
-    return untrained(kind, {name: given[name] for name in SETTINGS[kind]})
+    return new_regressor(kind, {name: given[name] for name in SETTINGS[kind]})
 
 
 def layers_of(text: str) -> list[int]:

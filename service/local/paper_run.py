@@ -16,7 +16,8 @@ from benchmarks.cases import Case, Outcome, RunMany
 from benchmarks.paper import pipeline as paper
 from benchmarks.paper.plan import Cost, Plan, Stage, probes, steps
 from service.local.paper_folder import RECORDINGS, SCHEMA, SERIES, PaperFolder, write_text
-from service.worker.crew import RECORDING, Crew
+from service.worker.crew import Crew
+from service.worker.insertion_job import RECORDING_RUNNER
 from simcore.errors import NeedlebenchError, Problem, ScenarioError
 from simcore.file_names import names_mean
 from simcore.provenance import commit
@@ -136,7 +137,7 @@ class PaperRun:
         drafts = self.folder.path / f".{RECORDINGS}"
         shutil.rmtree(drafts, ignore_errors=True)
         drafts.mkdir()
-        with closing(self.crew.run_many(missing, runner=RECORDING, folder=drafts)) as done:
+        with closing(self.crew.run_many(missing, runner=RECORDING_RUNNER, folder=drafts)) as done:
             for outcome in done:
                 name, result = outcome.case.id, outcome.result
                 if result["digest"] != before[name]:

@@ -12,7 +12,7 @@ from contextlib import ExitStack
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from service.worker.attempt import KINDS, Together
+from service.worker.attempt import KINDS, ObserverGroup
 from simcore.errors import Problem, ScenarioError
 from simcore.rollout.records import Observer, Scene, StepRecord
 from simcore.scenario.scenario import Scenario
@@ -66,7 +66,7 @@ def run_into(folder: Path, scenario: Scenario, *, recording_id: str) -> tuple[di
 
             recorder = stack.enter_context(RerunObserver(folder / "recording.rrd", recording_id=recording_id))
             observers.append(recorder)
-        done = rollout.run(scenario, Together(tuple(observers)))
+        done = rollout.run(scenario, ObserverGroup(tuple(observers)))
     artefacts.write(done, folder)
     return done.result(), recorder.warning if recorder else None
 

@@ -161,7 +161,7 @@ def get_job(job_id: JobId, request: Request, service: ServiceOf) -> Response:
         again=job.state in TERMINAL - {SUCCEEDED},
         campaign=service.campaigns.of_jobs([job.id]).get(job.id),
         waits=_waits(service, job) if job.state == QUEUED else "",
-        course=service.engine.course(job),
+        course=service.engine.trace(job),
         cancelling=job.cancel_requested and job.state not in TERMINAL,
         cpu_s=job.cpu_s,
         memory_mb=job.max_rss_mb,

@@ -140,9 +140,9 @@ def test_results_are_whole_or_not_there_when_the_disk_fills_while_they_are_writt
 
     monkeypatch.setattr("numpy.savez", full)
     spec = {"scenario": {"name": "quick"}, "job_id": "a"}
-    answer = worker.execute("tests.acceptance.fakes:run_job", spec, str(tmp_path / "1"))
-    assert (answer["result"], answer["error"]["kind"]) == (None, "disk")
-    assert {file["name"] for file in answer["artefacts"]} == {"recording.rrd", "job.log"}
+    report = worker.execute("tests.acceptance.fakes:run_job", spec, str(tmp_path / "1"))
+    assert (report.result, report.error_kind) == (None, "disk")
+    assert {file["name"] for file in report.artefacts} == {"recording.rrd", "job.log"}
     monkeypatch.undo()
     again = worker.execute("tests.acceptance.fakes:run_job", spec, str(tmp_path / "2"))
-    assert again["error"] is None
+    assert again.error is None

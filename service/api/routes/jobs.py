@@ -56,7 +56,7 @@ def submit_job(
         owner=owner,
         uploads=sorted(uploads),
     )
-    service.engine.poke()
+    service.engine.wake()
     headers = {"Location": f"/api/v1/jobs/{job.id}"}
     return Response(Status.of(job).body, status.HTTP_202_ACCEPTED, headers, media_type="application/json")
 
@@ -155,7 +155,7 @@ def retry_job(job_id: JobId, service: ServiceOf) -> JobView:
     """Queue a job again that failed, was cancelled or ran out of time; its log goes on, its attempts count on."""
     service.refuse_when_closing()
     job = service.store.retry(job_id)
-    service.engine.poke()
+    service.engine.wake()
     return JobView.of(job)
 
 

@@ -75,7 +75,7 @@ def train_model(
         owner=owner,
         uploads=[data.id],
     )
-    service.engine.poke()
+    service.engine.wake()
     response.headers["Location"] = f"/api/v1/jobs/{job.id}"
     return JobView.of(job)
 

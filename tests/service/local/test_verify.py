@@ -15,6 +15,7 @@ from service.cli.main import main
 from service.local.verify import CannotVerify, changed, compare, first_difference
 from service.store.job import Outcome
 from service.worker.attempt import run_job
+from service.worker.specs import InsertionSpec
 from simcore.rollout import artefacts
 from simcore.rollout.rollout import Rollout, digest, run
 from simcore.scenario.scenario import Scenario
@@ -103,9 +104,9 @@ def steered(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, str]:
         job = service.store.claim()
         assert job is not None
         folder = data / job.folder
-        spec = {**(job.spec or {}), "job_id": job.id, "uploads": str(service.settings.uploads)}
+        spec = InsertionSpec(job_id=job.id, scenario=(job.spec or {})["scenario"], files=service.settings.uploads)
         folder.mkdir(parents=True)
-        service.store.finish(job, Outcome(state="succeeded", result=run_job(spec, folder)))
+        service.store.finish(job, Outcome(state="succeeded", result=run_job(spec.to_json(), folder)))
     return data, job.id
 
 
