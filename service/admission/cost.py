@@ -14,11 +14,9 @@ import numpy as np
 
 from service.limits import Limits
 from simcore.errors import Problem, ScenarioError
-from simcore.mesh.reader import load_mesh
 from simcore.scenario.blocks import Tissue
 from simcore.scenario.controller_blocks import InverseFem, SeparateModel
 from simcore.scenario.scenario import Scenario
-from simcore.tissue.model import free_node_order, half_bandwidth, held_nodes
 
 BASE_MB = 400.0  # Python with every library of a job, Rerun too
 STEP_MS, MS_PER_NODE, MS_PER_ENTRY = 1.0, 1.0e-3, 3.0e-6  # entry: one of the factor's band
@@ -146,6 +144,9 @@ def _box_size(tissue: Tissue) -> _Size:
 
 
 def _file_size(tissue: Tissue, name: str) -> _Size:
+    from simcore.mesh.reader import load_mesh  # with the mesh kernels: only where there is a mesh file
+    from simcore.tissue.model import free_node_order, half_bandwidth, held_nodes
+
     mesh = load_mesh(name, unit_mm=tissue.mesh_unit_mm, names=tissue.fixed_sets, sha256=tissue.mesh_sha256)
     unknown = free_node_order(mesh, held_nodes(mesh, tissue))
     free = int(np.count_nonzero(unknown >= 0))

@@ -13,8 +13,6 @@ from service.limits import Limits
 from service.store.uploads import Upload
 from service.worker.training_job import SETTINGS, new_regressor
 from simcore.errors import Problem, ScenarioError
-from simcore.learning.regressor import DataError
-from simcore.learning.trained import INPUTS, MAXIMUM_MB, OUTPUTS
 
 ModelKind = Literal["elm", "linear", "neighbours", "mlp"]
 BASE_MB = 400.0  # Python with the libraries of a training
@@ -83,6 +81,8 @@ class TrainRequest(BaseModel):
             problems.append(Problem("name", self.name, "must be printable characters"))
         if problems:
             raise ScenarioError(problems)
+        from simcore.learning.regressor import DataError
+
         try:
             settings = new_regressor(self.kind, given).settings()
         except DataError as error:
@@ -96,6 +96,8 @@ def check_training(training: dict[str, Any], data: Upload, limits: Limits) -> No
     reference = training["data"]
     if data.kind != "dataset":
         raise ScenarioError([Problem("data", reference, f"is a {data.kind}, not a data set")])
+    from simcore.learning.trained import MAXIMUM_MB
+
     learned, tested = data.content["splits"][training["split"]]
     if not learned or not tested:
         message = f"leaves {learned} rows to learn from and {tested} to test: the data set is too small"
@@ -115,6 +117,8 @@ def check_training(training: dict[str, Any], data: Upload, limits: Limits) -> No
 
 def cost_mb(training: dict[str, Any], rows: int, all_rows: int) -> tuple[float, float]:
     """Memory that the training needs and length of the model's file, MB. Good to a factor of two or so."""
+    from simcore.learning.trained import INPUTS, OUTPUTS
+
     settings, kind = training["settings"], training["kind"]
     shapes = new_regressor(kind, settings).shapes(INPUTS, OUTPUTS)
     numbers = sum(math.prod(rows if length == -1 else length for length in shape) for shape in shapes.values())

@@ -137,6 +137,7 @@ def _lock(settings: Settings) -> Check:
 
 def _database(settings: Settings) -> Check:
     from service.store.database import revision_of, revisions
+    from service.store.schema import REVISION
 
     if not settings.database.exists():
         return Check(name="database", level="ok", found="will be made")
@@ -145,14 +146,13 @@ def _database(settings: Settings) -> Check:
     except sqlite3.Error as error:
         advice = "restore a copy from the folder backups beside it"
         return Check(name="database", level="bad", found=f"{settings.database}: {error}", advice=advice)
-    known = revisions()
-    if present is not None and present not in known:
+    if present is not None and present not in revisions():
         advice = "it was written by another version of needlebench: use that version, or choose another folder"
         return Check(
-            name="database", level="bad", found=f"tables {present}, this version knows {known[0]}", advice=advice
+            name="database", level="bad", found=f"tables {present}, this version knows {REVISION}", advice=advice
         )
-    if present != known[0]:
-        found = f"tables {present or 'none'}, {known[0]} is the newest"
+    if present != REVISION:
+        found = f"tables {present or 'none'}, {REVISION} is the newest"
         return Check(name="database", level="warn", found=found, advice="serve copies it to backups, then upgrades it")
     return Check(name="database", level="ok", found=f"tables {present}, the newest")
 

@@ -11,15 +11,15 @@ from collections.abc import Callable
 from contextlib import closing
 from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
-from alembic import command
-from alembic.config import Config
-from alembic.runtime.migration import MigrationContext
-from alembic.script import ScriptDirectory
 from sqlalchemy import Connection, Engine, create_engine, event
 
+from service.store.schema import REVISION
 from simcore.errors import NeedlebenchError
+
+if TYPE_CHECKING:
+    from alembic.config import Config
 
 _log = logging.getLogger("needlebench")
 MIGRATIONS = Path(__file__).parent / "migrations"
@@ -113,10 +113,14 @@ def _read_only(path: Path) -> sqlite3.Connection:
 
 def revisions() -> list[str]:
     """The revisions of the tables that this version knows, the newest first."""
+    from alembic.script import ScriptDirectory
+
     return [script.revision for script in ScriptDirectory.from_config(_config()).walk_revisions()]
 
 
 def _config() -> Config:
+    from alembic.config import Config
+
     config = Config()
     config.set_main_option("script_location", str(MIGRATIONS).replace("%", "%%"))
     config.set_main_option("path_separator", "os")
@@ -141,31 +145,32 @@ def _back_up(path: Path, present: str, now: Callable[[], float]) -> Path:
 
 def _upgrade(engine: Engine, path: Path, now: Callable[[], float]) -> None:
     """Bring the tables to the newest revision, in one transaction. Raises ForeignDatabaseError."""
-    ordered = revisions()
+    before = revision_of(path) if path.is_file() else None
+    if before == REVISION:
+        return  # the usual case, without the cost of Alembic
+    from alembic import command
+
     if path.is_file():
-        _check_origin(path, ordered)
-        before = revision_of(path)
-        if before is not None and before != ordered[0]:
-            copy = _back_up(path, before, now)
-            _log.warning("the database is upgraded from %s to %s; its copy: %s", before, ordered[0], copy)
+        _check_origin(path, before)
+    if before is not None:
+        copy = _back_up(path, before, now)
+        _log.warning("the database is upgraded from %s to %s; its copy: %s", before, REVISION, copy)
+    config = _config()
     with engine.execution_options(write=True).begin() as connection:
-        if MigrationContext.configure(connection).get_current_revision() != ordered[0]:
-            config = _config()
-            config.attributes["connection"] = connection
-            command.upgrade(config, "head")
+        config.attributes["connection"] = connection
+        command.upgrade(config, "head")
 
 
-def _check_origin(path: Path, known: list[str]) -> None:
+def _check_origin(path: Path, present: str | None) -> None:
     """Raises ForeignDatabaseError for tables that this version can neither use nor upgrade; changes nothing."""
-    present = revision_of(path)
-    if present in known:
+    if present in revisions():
         return
     with closing(_read_only(path)) as connection:
         tables = connection.execute("SELECT 1 FROM sqlite_master WHERE type = 'table'").fetchone()
     if present is not None:
         raise ForeignDatabaseError(
             f"{path} was written by another version of needlebench (its tables are of revision {present}, this "
-            f"version uses {known[0]}): use the version that wrote it, or choose another folder with --data"
+            f"version uses {REVISION}): use the version that wrote it, or choose another folder with --data"
         )
     if tables is not None:
         raise ForeignDatabaseError(f"{path} holds tables that are not needlebench's: choose another folder with --data")

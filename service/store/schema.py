@@ -24,6 +24,7 @@ from sqlalchemy import (
     text,
 )
 
+REVISION = "all_tables"  # of the newest migration
 STATES = ("queued", "running", "succeeded", "failed", "cancelled", "timed_out")
 
 metadata = MetaData(

@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from alembic import command
 from alembic.autogenerate import compare_metadata
 from alembic.runtime.migration import MigrationContext
 from sqlalchemy import text
@@ -16,7 +17,7 @@ from sqlalchemy.exc import IntegrityError
 from service.store import database
 from service.store.database import ForeignDatabaseError, open_database, revision_of, revisions
 from service.store.jobs import Store
-from service.store.schema import metadata
+from service.store.schema import REVISION, metadata
 
 
 def test_the_migrations_make_exactly_the_tables(tmp_path: Path) -> None:
@@ -24,6 +25,10 @@ def test_the_migrations_make_exactly_the_tables(tmp_path: Path) -> None:
     with engine.begin() as connection:
         assert compare_metadata(MigrationContext.configure(connection), metadata) == []
     engine.dispose()
+
+
+def test_the_tables_are_at_the_newest_revision() -> None:
+    assert revisions()[0] == REVISION
 
 
 def test_opening_twice_changes_nothing(tmp_path: Path) -> None:
@@ -72,6 +77,7 @@ def next_revision(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     shutil.copytree(database.MIGRATIONS, migrations, ignore=shutil.ignore_patterns("__pycache__"))
     (migrations / "versions" / "0002_next.py").write_text(NEXT)
     monkeypatch.setattr(database, "MIGRATIONS", migrations)
+    monkeypatch.setattr(database, "REVISION", "next")
     return path
 
 
@@ -114,7 +120,7 @@ def test_an_upgrade_that_fails_leaves_the_database_as_it_was(
         config.attributes["connection"].exec_driver_sql("DROP TABLE idempotency")
         raise OSError(28, os.strerror(28))
 
-    monkeypatch.setattr(database.command, "upgrade", half)
+    monkeypatch.setattr(command, "upgrade", half)
     with pytest.raises(OSError, match="No space left"):
         open_database(path)
     assert statements(path) == before
