@@ -12,7 +12,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from service.limits import Limits
+from service.settings import Limits
 from simcore.errors import Problem, ScenarioError
 from simcore.scenario.blocks import Tissue
 from simcore.scenario.controller_blocks import InverseFem, SeparateModel

@@ -9,7 +9,7 @@ from typing import Annotated, Any, Literal
 from pydantic import BaseModel, ConfigDict, Field
 
 from service.files.upload_names import SCHEME, UPLOAD_ID
-from service.limits import Limits
+from service.settings import Limits
 from service.store.uploads import Upload
 from service.worker.training_job import SETTINGS, new_regressor
 from simcore.errors import Problem, ScenarioError

@@ -85,7 +85,7 @@ def _of_job(job_id: str, url: str | None, data: Path | None, observer: Observer 
         raise CannotVerify("is neither a file nor the id of a job")
     if data is not None:
         from service.files.lock import LockHeldError, file_lock
-        from service.server.server import endpoint
+        from service.server.endpoint import endpoint
 
         try:
             with file_lock(data / "server.lock"):

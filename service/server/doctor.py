@@ -122,7 +122,7 @@ def _data(settings: Settings) -> Check:
 
 def _lock(settings: Settings) -> Check:
     from service.files.lock import LockHeldError, file_lock
-    from service.server.server import endpoint
+    from service.server.endpoint import endpoint
 
     path = settings.data / "server.lock"
     if not path.exists():
@@ -160,7 +160,7 @@ def _database(settings: Settings) -> Check:
 def _port(settings: Settings) -> Check:
     import socket
 
-    from service.server.server import endpoint
+    from service.server.endpoint import endpoint
 
     port = DEFAULT_PORT if settings.port is None else settings.port
     try:

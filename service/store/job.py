@@ -2,8 +2,12 @@
 
 from __future__ import annotations
 
+import hashlib
+import json
 from dataclasses import dataclass
-from typing import Any
+from typing import Annotated, Any
+
+from pydantic import Field
 
 from simcore.errors import NeedlebenchError, Problem
 
@@ -11,6 +15,9 @@ QUEUED, RUNNING, SUCCEEDED = "queued", "running", "succeeded"
 FAILED, CANCELLED, TIMED_OUT = "failed", "cancelled", "timed_out"
 
 INSERTION, TRAINING = KINDS = ("insertion", "training")  # one simulated insertion; one model learned from a data set
+
+TimeLimit = Annotated[float, Field(strict=True, ge=1, le=86400, allow_inf_nan=False)]  # of a job, s
+TIME_LIMIT = "Most wall time of an attempt; null = an hour, or four times the estimate if that is longer."
 
 LEGAL: dict[str, frozenset[str]] = {
     QUEUED: frozenset({RUNNING, CANCELLED}),
@@ -141,3 +148,8 @@ class Job:
     def folder(self) -> str:
         """Folder of the current attempt, relative to the data folder. An attempt never writes into another's."""
         return f"jobs/{self.id}/{self.attempt}"
+
+
+def content_hash(value: Any) -> str:
+    """SHA-256 of JSON data, whatever the order of its fields."""
+    return hashlib.sha256(json.dumps(value, sort_keys=True, separators=(",", ":")).encode()).hexdigest()

@@ -25,7 +25,7 @@ from sqlalchemy import (
     update,
 )
 
-from service.limits import Limits
+from service.settings import Limits
 from service.store import schema
 from service.store.campaign import RUNNING as CAMPAIGN_RUNNING
 from service.store.job import (

@@ -9,7 +9,7 @@ from typing import Any
 
 from sqlalchemy import Engine, delete, insert, select, update
 
-from service.limits import Limits
+from service.settings import Limits
 from service.store import schema
 from service.store.database import sync
 from service.store.job import (

@@ -19,7 +19,7 @@ from typing import Any
 from sqlalchemy import Connection, delete, func, insert, select, update
 
 from service.files.upload_names import UploadLookup, references
-from service.limits import Limits
+from service.settings import Limits
 from service.store.job import QUEUED, RUNNING, Job
 from service.store.jobs import Store
 from service.store.schema import campaign, job, job_upload, schedule, upload

@@ -6,12 +6,12 @@ A file and not a pipe: a worker that is killed at any moment leaves the last who
 from __future__ import annotations
 
 import json
-import os
 import time
 from collections.abc import Callable
-from contextlib import suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
+
+from service.files.replace_text import replace_text
 
 if TYPE_CHECKING:
     import numpy as np
@@ -83,14 +83,6 @@ class ProgressFile:
         from simcore.trajectory import polyline_distance_m
 
         return None if self._line_m is None else round(polyline_distance_m(record.tip_m, self._line_m) * 1e3, 6)
-
-
-def replace_text(path: Path, text: str) -> None:
-    """Replace a file as a whole; a reader sees the old text or the new one."""
-    draft = path.with_name(f"{path.name}.tmp")
-    draft.write_text(text, encoding="utf-8")
-    with suppress(PermissionError):  # Windows: the reader has it open just now; the next one will do
-        os.replace(draft, path)
 
 
 def read(folder: Path) -> dict[str, Any] | None:

@@ -9,8 +9,9 @@ import time
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from service.files.replace_text import replace_text
 from service.logs import ROOT
-from service.worker.progress import NAME, replace_text
+from service.worker.progress import NAME
 from service.worker.specs import TrainingSpec
 
 if TYPE_CHECKING:

@@ -14,7 +14,7 @@ from typing import Any
 import pytest
 
 from service.client.client import ServiceError
-from service.server.server import CannotServe, serve
+from service.server.server import ServiceStartError, serve
 from service.settings import Settings
 from service.worker import attempt as worker
 from tests.acceptance.server import Server, running_server, until
@@ -68,7 +68,7 @@ def level(server: Server, name: str) -> str:
 
 
 def test_a_full_disk_is_told_and_nothing_is_lost(small_disk: Path) -> None:
-    with running_server(small_disk, minimum_free_bytes=0) as server:
+    with running_server(small_disk, minimum_free_mb=0) as server:
         kept = server.client.wait(server.client.submit({"name": "quick"}).id)
         running = server.running("long")
         filler = fill(small_disk)
@@ -89,7 +89,7 @@ def test_a_full_disk_is_told_and_nothing_is_lost(small_disk: Path) -> None:
 
 
 def test_no_job_is_begun_without_room_and_all_are_when_there_is(small_disk: Path) -> None:
-    with running_server(small_disk, minimum_free_bytes=32 * 2**20) as server:
+    with running_server(small_disk, minimum_free_mb=32) as server:
         job = server.client.submit({"name": "quick"})
         until(lambda: server.client._http.get("/readyz").status_code == 503)
         told = server.client._http.get("/readyz").json()
@@ -105,11 +105,11 @@ def test_a_read_only_data_folder_is_refused_and_served_when_it_can_be_written(sm
     with running_server(small_disk) as server:
         kept = server.client.submit({"name": "long"})
     assert mount("-o", "remount,ro", str(small_disk))
-    with pytest.raises(CannotServe, match=r"cannot be used: Read-only file system.*--data"):
+    with pytest.raises(ServiceStartError, match=r"cannot be used: Read-only file system.*--data"):
         serve(Settings(data=small_disk, port=0), announce=print)
     assert mount("-o", "remount,rw", str(small_disk))
     check_whole(small_disk / "needlebench.sqlite")
-    with running_server(small_disk, minimum_free_bytes=0) as again:
+    with running_server(small_disk, minimum_free_mb=0) as again:
         until(lambda: again.client.job(kept.id).progress.step > 0)
         again.client.cancel(kept.id)
 

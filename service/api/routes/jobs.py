@@ -11,7 +11,7 @@ from fastapi import APIRouter, Header, Query, Request, Response, status
 
 from service.admission.cost import Cost, check_cost, time_limit_s
 from service.api.context import JobId, Service, ServiceOf, documented, matches
-from service.api.idempotency import IdempotencyKey, content_hash, own_key
+from service.api.idempotency import IdempotencyKey, own_key
 from service.api.job_view_cache import Status
 from service.api.schemas.jobs import JobPage, JobRequest, JobSummary, JobView, State
 from simcore.file_names import names_mean

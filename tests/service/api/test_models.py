@@ -20,7 +20,7 @@ from service.api.context import Service
 from service.cli.main import main
 from service.engine.slot import Signals, Slot
 from service.files.upload_names import SCHEME
-from service.limits import Limits
+from service.settings import Limits
 from service.store.job import Outcome
 from service.worker.training_job import SETTINGS, STAGES, train_job
 from simcore.learning.trained import PACKAGED, REGRESSORS, parse_model

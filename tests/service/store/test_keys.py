@@ -14,8 +14,7 @@ from starlette.testclient import TestClient
 from service.api.context import Service
 from service.api.middleware.rate_limit import Rate
 from service.api_key import digest_of, id_of, keys_exist, new_key
-from service.limits import Limits
-from service.settings import Settings, SettingsError
+from service.settings import Limits, Settings, SettingsError
 from service.store.database import open_database
 from service.store.jobs import Store
 from service.store.keys import ENVIRONMENT, Keys, UnknownKey
@@ -188,7 +187,7 @@ def test_an_open_address_is_accepted_once_there_is_a_key(tmp_path: Path) -> None
         service.keys.revoke(made.id)
         assert http.get(JOBS).status_code == 401, "an open address never serves without a key"
     with pytest.raises(SettingsError, match="needlebench key create"):
-        Settings(data=tmp_path, host="0.0.0.0")
+        Settings(data=tmp_path, host="0.0.0.0").check_exposure()
     store.close()
 
 
