@@ -38,7 +38,7 @@ class Statuses:
         self._changes = 0
 
     async def of(self, job_id: str) -> Status:
-        """The job now; a thread and the database are asked only for one that is not known. Raises UnknownJob."""
+        """The job now; a thread and the database are asked only for one that is not known. Raises UnknownJobError."""
         with self._lock:
             if (known := self._known.pop(job_id, None)) is not None:
                 self._known[job_id] = known

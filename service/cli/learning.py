@@ -1,11 +1,11 @@
-"""The commands of learned controllers: make the data set, train a model, begin a controller of one's own."""
+"""The commands of learned controllers: make the data set, train a model, start a controller of your own."""
 
 from __future__ import annotations
 
 import shutil
 import sys
 from collections.abc import Iterator
-from contextlib import ExitStack
+from contextlib import ExitStack, closing
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -19,6 +19,7 @@ if TYPE_CHECKING:
 
     from benchmarks.cases import Case
     from benchmarks.learning.training_insertions import Insertion
+    from service.local.dataset_runs import InsertionCache
     from simcore.learning import Regressor
     from simcore.rollout.dataset import Dataset
 
@@ -26,7 +27,7 @@ FILE = click.Path(dir_okay=False, path_type=Path)
 
 
 def free_to_write(path: Path, *, force: bool) -> None:
-    """Fail before the work and not after it."""
+    """Raises ScenarioError before the work, and not after it."""
     if path.exists() and not force:
         raise ScenarioError([Problem("--out", str(path), "exists; use --force to replace it")])
     try:
@@ -71,16 +72,16 @@ def dataset(
     one_thread()
     from benchmarks.learning.training_insertions import cases
     from benchmarks.learning.training_insertions import dataset as gather
-    from service.local.dataset_runs import Kept
+    from service.local.dataset_runs import InsertionCache
     from simcore.rollout.dataset import save_dataset
     from simcore.scenario.presets import with_changes
 
     free_to_write(path, force=force)
     chosen = cases(insertions=insertions, seed=seed, changes=with_changes({}, list(changes)))
-    kept = Kept(path.with_name(f"{path.name}.parts"))
-    data = gather(chosen, lambda these: shown(these, workers, kept), samples=samples, seed=seed)
+    cache = InsertionCache(path.with_name(f"{path.name}.parts"))
+    data = gather(chosen, lambda these: _with_bar(these, workers, cache), samples=samples, seed=seed)
     save_dataset(data, path)
-    shutil.rmtree(kept.folder, ignore_errors=True)
+    shutil.rmtree(cache.folder, ignore_errors=True)
     failed = [i["id"] for i in data.provenance["insertions"] if i["status"] != "completed"]
     if failed:
         click.echo(f"needlebench: warning: did not complete: {', '.join(failed)}", err=True)
@@ -90,28 +91,15 @@ def dataset(
         click.echo(f"needlebench: warning: {samples} samples were asked for, there are {drawn} steps", err=True)
 
 
-def shown(cases: Sequence[Case], workers: int, kept: Any) -> Iterator[Insertion]:
+def _with_bar(cases: Sequence[Case], workers: int, cache: InsertionCache) -> Iterator[Insertion]:
     """The insertions as they are finished, with a bar on a terminal and lines elsewhere."""
     from service.local.dataset_runs import insertions
 
     with ExitStack() as stack:
         tick = stack.enter_context(_Bar(len(cases)))
-        for done in stack.enter_context(_closed(insertions(cases, workers=workers, kept=kept))):
+        for done in stack.enter_context(closing(insertions(cases, workers=workers, cache=cache))):
             tick.advance()
             yield done
-
-
-class _closed:
-    """A generator that is closed on leaving: Ctrl-C must stop the workers at once."""
-
-    def __init__(self, generator: Iterator[Insertion]) -> None:
-        self._generator = generator
-
-    def __enter__(self) -> Iterator[Insertion]:
-        return self._generator
-
-    def __exit__(self, *_: object) -> None:
-        self._generator.close()  # type: ignore[attr-defined]
 
 
 class _Bar:

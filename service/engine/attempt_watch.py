@@ -9,10 +9,9 @@ import logging
 from dataclasses import dataclass, field
 from typing import Any, Protocol
 
-from sqlalchemy.exc import SQLAlchemyError
-
 from service.engine.attempt_trace import AttemptTrace
 from service.logs import ROOT
+from service.store.errors import SQLAlchemyError
 from service.store.job import CANCELLED, FAILED, TIMED_OUT, Job
 from service.worker.progress import INTERVAL_S
 
@@ -65,8 +64,11 @@ class AttemptWatch:
 class ProgressStore(Protocol):
     """The part of the store that a running attempt needs."""
 
-    def beat(self, job: Job, progress: dict[str, Any]) -> None: ...
-    def cancel_requested(self, job_id: str) -> bool: ...
+    def beat(self, job: Job, progress: dict[str, Any]) -> None:
+        """Store the progress of a running attempt."""
+
+    def cancel_requested(self, job_id: str) -> bool:
+        """Whether somebody wants the job to stop."""
 
 
 def publish_progress(store: ProgressStore, trace: AttemptTrace, job: Job, due: dict[str, Any] | None) -> bool:

@@ -37,7 +37,7 @@ class Engine:
             slot.start()
 
     def drain(self) -> None:
-        """Begin nothing new; what runs may end."""
+        """Start nothing new; running jobs may end."""
         self._draining.set()
         self.wake()
 
@@ -69,6 +69,7 @@ class Engine:
 
     @property
     def slots(self) -> int:
+        """How many there are."""
         return len(self._slots)
 
     @property
@@ -78,5 +79,5 @@ class Engine:
 
     @property
     def problem(self) -> str | None:
-        """Why a slot is out of work, if one is."""
+        """Why a slot takes no jobs, if one does not."""
         return next((slot.problem for slot in self._slots if slot.problem), None)

@@ -41,10 +41,11 @@ class Keeper(threading.Thread):
         self._stopping = threading.Event()
 
     def run(self) -> None:
+        """Tick once a second until `stop`."""
         while not self._stopping.wait(_TICK_S):
             try:
                 self.tick()
-            except Exception as error:  # a full disk, a locked database: the next tick tries again
+            except Exception as error:  # noqa: BLE001  (a full disk, a locked database: the next tick tries again)
                 _log.error("campaigns, schedules, retention: %s: %s", type(error).__name__, error)
 
     def tick(self) -> None:
@@ -60,7 +61,7 @@ class Keeper(threading.Thread):
         if self._sweep is not None and self._clock() >= self._next_sweep:
             self._next_sweep = self._clock() + SWEEP_S
             cleared = self._sweep()
-            _log.info("retention: %d jobs cleared away, %d bytes", len(cleared.jobs), cleared.bytes)
+            _log.info("retention: %d jobs removed, %d bytes", len(cleared.jobs), cleared.bytes)
 
     def stop(self) -> None:
         """End the thread; on return it is gone."""

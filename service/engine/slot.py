@@ -10,8 +10,6 @@ from collections.abc import Callable, Iterable
 from dataclasses import dataclass, replace
 from typing import Any
 
-from sqlalchemy.exc import DBAPIError, SQLAlchemyError
-
 from service.engine.attempt_trace import AttemptTrace
 from service.engine.attempt_watch import AttemptWatch, Ending, publish_progress
 from service.engine.health_checks import disk_check
@@ -19,9 +17,10 @@ from service.engine.metrics import Monitor
 from service.files.disk import REFUSALS
 from service.logs import ROOT
 from service.settings import Settings
-from service.store.job import FAILED, SUCCEEDED, TRAINING, Artefact, IllegalTransition, Job, Outcome
+from service.store.errors import DBAPIError, SQLAlchemyError
+from service.store.job import FAILED, SUCCEEDED, TRAINING, Artefact, IllegalTransitionError, Job, Outcome
 from service.store.jobs import Store
-from service.store.uploads import Uploads, UploadsFull
+from service.store.uploads import Uploads, UploadsFullError
 from service.worker import progress, training_job
 from service.worker.attempt import describe
 from service.worker.memory import resident_mb
@@ -78,12 +77,13 @@ class Slot(threading.Thread):
         return self._worker.pid
 
     def run(self) -> None:
+        """Take one job after the other until the engine stops; pause longer and longer while that fails."""
         pause = _FIRST_PAUSE_S
         while not self._stopping.is_set():
             try:
                 self._take_turn()
                 pause = _FIRST_PAUSE_S
-            except Exception as error:
+            except Exception as error:  # noqa: BLE001  (whatever it is, the slot tries again)
                 self.problem = f"{type(error).__name__}: {error}"
                 _log.error("%s pauses for %g s: %s", self.name, pause, self.problem)
                 if not isinstance(error, SQLAlchemyError):  # a database that refuses is no fault of the worker's
@@ -146,7 +146,7 @@ class Slot(threading.Thread):
             self._worker.send(runner, self._spec(job), folder)
             self._publish()  # what came before, now that the worker is busy
             outcome = self._watch(job)
-        except Exception as loss:
+        except Exception as loss:  # noqa: BLE001  (a claimed job must not stay behind without an owner)
             self._worker.kill()
             reason = str(loss) if isinstance(loss, WorkerDiedError) else f"{type(loss).__name__}: {loss}"
             _log.warning("job %s, attempt %d: %s", job.id, job.attempt, reason, extra=_named(job))
@@ -208,7 +208,7 @@ class Slot(threading.Thread):
             made = self._settings.data / job.folder / training_job.MODEL
             try:
                 self._uploads.keep_made(made, job, outcome.result["model"])
-            except (UploadsFull, OSError) as error:
+            except (UploadsFullError, OSError) as error:
                 if getattr(error, "errno", None) in REFUSALS:
                     raise
                 outcome = replace(outcome, state=FAILED, result=None, error_kind="disk", error=str(error))
@@ -240,7 +240,7 @@ class Slot(threading.Thread):
                 self._monitor.ended(now.state, time.monotonic() - self._begun)
                 _log.info("job %s is %s", job.id, now.state, extra={**_named(job), "state": now.state})
                 break
-            except IllegalTransition as error:
+            except IllegalTransitionError as error:
                 _log.warning("%s", error, extra=_named(job))
                 break
             except (DBAPIError, OSError) as error:

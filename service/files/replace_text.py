@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 from contextlib import suppress
 from pathlib import Path
 
@@ -12,4 +11,4 @@ def replace_text(path: Path, text: str) -> None:
     draft = path.with_name(f"{path.name}.tmp")
     draft.write_text(text, encoding="utf-8")
     with suppress(PermissionError):  # Windows: the reader has it open just now; the next one will do
-        os.replace(draft, path)
+        draft.replace(path)

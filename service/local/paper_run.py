@@ -27,22 +27,22 @@ DATASET = "dataset.npz"
 SPARE = 1.2  # of the estimated disk space
 
 
-class NotReproduced(NeedlebenchError):
+class NotReproducedError(NeedlebenchError):
     """A second run of the same scenario gave another digest."""
 
 
-class NoCost(NeedlebenchError):
-    """The two insertions that are to tell what a step costs did not work."""
+class CostProbeError(NeedlebenchError):
+    """The two insertions that measure what a step costs did not succeed."""
 
 
-class Watcher(Protocol):
-    """Who is told how far it is."""
+class ProgressListener(Protocol):
+    """Hears how far a run is."""
 
     def begin(self, stage: Stage) -> None:
         """A stage begins."""
 
     def ended(self, outcome: Outcome, *, fresh: bool) -> None:
-        """An insertion of it is there; `fresh`: it was run now."""
+        """An insertion of it has ended; fresh: it was run now, not read from the folder."""
 
     def say(self, text: str) -> None:
         """Something else happens."""
@@ -55,12 +55,12 @@ def identity(plan: Plan) -> dict[str, Any]:
 
 
 def measured_cost(plan: Plan, crew: Crew) -> Cost:
-    """CPU seconds of a step, from two insertions at the plan's discretisation. Raises NoCost."""
+    """CPU seconds of a step, from two insertions at the plan's discretisation. Raises CostProbeError."""
     each = {}
     with tempfile.TemporaryDirectory(prefix="needlebench-") as scratch:
         for outcome in crew.run_many(probes(plan.scale), folder=Path(scratch)):
             if "cost" not in outcome.result:
-                raise NoCost(f"{outcome.case.id}: {outcome.result['message']}")
+                raise CostProbeError(f"{outcome.case.id}: {outcome.result['message']}")
             each[outcome.case.id] = outcome.result["cost"]["cpu_s"] / steps(outcome.case)
     return Cost(ifem_s=each["probe-ifem"], plain_s=each["probe-plain"])
 
@@ -83,7 +83,7 @@ class PaperRun:
     plan: Plan
     folder: PaperFolder
     crew: Crew
-    watcher: Watcher
+    listener: ProgressListener
     train: Callable[[str, int, Dataset], str]
 
     def run(self) -> paper.Findings:
@@ -96,7 +96,7 @@ class PaperRun:
         return paper.Hands(
             run_many=self._run(alone=False),
             run_alone=self._run(alone=True),
-            begin=self.watcher.begin,
+            begin=self.listener.begin,
             table=self._table,
             keep=lambda data: save_dataset(data, self.folder.path / DATASET),
             train=self.train,
@@ -106,7 +106,7 @@ class PaperRun:
         )
 
     def _run(self, *, alone: bool) -> RunMany:
-        """`run_many` of what is not in the folder yet, told to the watcher."""
+        """`run_many` of what is not in the folder yet, announced to the listener."""
 
         def run(cases: Sequence[Case]) -> Iterator[Outcome]:
             new: set[str] = set()
@@ -116,8 +116,8 @@ class PaperRun:
                 with closing(self.crew.run_many(left, alone=alone)) as outcomes:
                     yield from outcomes
 
-            for outcome in self.folder.remembering(fresh)(cases):
-                self.watcher.ended(outcome, fresh=outcome.case.id in new)
+            for outcome in self.folder.cached(fresh)(cases):
+                self.listener.ended(outcome, fresh=outcome.case.id in new)
                 yield outcome
 
         return run
@@ -127,11 +127,11 @@ class PaperRun:
             return table_one(file)
 
     def _record(self, outcomes: Sequence[Outcome]) -> dict[str, str]:
-        """Recordings by case id, relative to the folder. Raises NotReproduced for a digest that is not the first."""
+        """Recordings by case id, relative to the folder. Raises NotReproducedError for another digest."""
         names = {outcome.case.id: f"{RECORDINGS}/{outcome.case.id}.rrd" for outcome in outcomes}
         before = {outcome.case.id: outcome.result["digest"] for outcome in outcomes}
         missing = [outcome.case for outcome in outcomes if not (self.folder.path / names[outcome.case.id]).exists()]
-        self.watcher.say(f"recording {len(missing)} of {len(names)} chosen cases again")
+        self.listener.say(f"recording {len(missing)} of {len(names)} chosen cases again")
         if not missing:
             return names
         drafts = self.folder.path / f".{RECORDINGS}"
@@ -141,9 +141,9 @@ class PaperRun:
             for outcome in done:
                 name, result = outcome.case.id, outcome.result
                 if result["digest"] != before[name]:
-                    raise NotReproduced(f"{name}: its rerun has the digest {result['digest']}, not {before[name]}")
+                    raise NotReproducedError(f"{name}: its rerun has the digest {result['digest']}, not {before[name]}")
                 if result.get("recording_warning"):
-                    self.watcher.say(f"warning: {name}: {result['recording_warning']}")
+                    self.listener.say(f"warning: {name}: {result['recording_warning']}")
                     del names[name]
                     continue
                 (drafts / f"{name}.rrd").replace(self.folder.path / names[name])

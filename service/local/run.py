@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import contextlib
-import os
 import shutil
 import sys
 import tempfile
@@ -31,9 +30,9 @@ def output_folder(folder: Path, *, replace: bool) -> Iterator[Path]:
 
     Raises ScenarioError, before anything is made, for a folder that holds a result (unless `replace`) or cannot be.
     """
-    held = [name for name in KINDS if (folder / name).exists()]
-    if held and not replace:
-        raise ScenarioError([Problem("--out", str(folder), f"holds {', '.join(held)}; use --force to replace")])
+    present = [name for name in KINDS if (folder / name).exists()]
+    if present and not replace:
+        raise ScenarioError([Problem("--out", str(folder), f"holds {', '.join(present)}; use --force to replace")])
     made = not folder.exists()
     try:
         folder.mkdir(parents=True, exist_ok=True)
@@ -45,7 +44,7 @@ def output_folder(folder: Path, *, replace: bool) -> Iterator[Path]:
         for name in [name for name in KINDS if not (partial / name).exists()]:
             (folder / name).unlink(missing_ok=True)
         for written in sorted(partial.iterdir(), key=lambda path: path.name == RESULT):
-            os.replace(written, folder / written.name)
+            written.replace(folder / written.name)
     finally:
         shutil.rmtree(partial, ignore_errors=True)
         if made and not any(folder.iterdir()):
@@ -97,11 +96,13 @@ class ProgressBar:
     def __exit__(self, *_: object) -> None:
         self._progress.stop()
 
-    def begin(self, scene: Scene, first: StepRecord) -> None:
+    def begin(self, scene: Scene, first: StepRecord) -> None:  # noqa: ARG002  (an observer's signature)
+        """Start the bar."""
         name = scene.scenario.name
         self._task = self._progress.add_task(name, total=scene.steps, depth=0.0, error=0.0)
 
     def step(self, record: StepRecord) -> None:
+        """Move the bar, every few steps."""
         if self._task is not None and record.step % self._UPDATE_STEPS == 0:
             x, y, z = record.tip_m - record.target_m
             error = 1e3 * float(x * x + y * y + z * z) ** 0.5

@@ -25,7 +25,7 @@ EQUAL_MM = 1e-6  # of the tip's path: what another processor or library may chan
 Arrays = Mapping[str, NDArray[Any]]
 
 
-class CannotVerify(NeedlebenchError):
+class CannotVerifyError(NeedlebenchError):
     """A result that does not say how it came about."""
 
 
@@ -100,7 +100,7 @@ def verify(
 
     series: the arrays beside the result; without them only "identical" and "different" can be told. uploads: folder of
     those that the scenario names by their ids.
-    Raises CannotVerify for what is no result, ScenarioError for a scenario that this version refuses.
+    Raises CannotVerifyError for what is no result, ScenarioError for a scenario that this version refuses.
     """
     from simcore.rollout.rollout import run
     from simcore.scenario.scenario import Scenario
@@ -112,12 +112,12 @@ def verify(
 
 
 def origin_of(result: Mapping[str, Any]) -> Mapping[str, Any]:
-    """The provenance of a result. Raises CannotVerify."""
+    """The provenance of a result. Raises CannotVerifyError."""
     origin = result.get("provenance")
     if not isinstance(origin, Mapping) or not isinstance(origin.get("scenario"), Mapping):
-        raise CannotVerify("this is no result: it has no provenance.scenario to run again")
+        raise CannotVerifyError("this is no result: it has no provenance.scenario to run again")
     if not isinstance(result.get("digest"), str):
-        raise CannotVerify("this is no result: it has no digest")
+        raise CannotVerifyError("this is no result: it has no digest")
     return origin
 
 
@@ -200,11 +200,11 @@ def changed(before: Mapping[str, Any], now: Mapping[str, Any]) -> dict[str, list
 
 
 def load_series(path: Path) -> dict[str, NDArray[Any]] | None:
-    """The arrays of a series file, or None when there is none. Raises CannotVerify for one that cannot be read."""
+    """The arrays of a series file, or None when there is none. Raises CannotVerifyError for one that cannot be read."""
     if not path.is_file():
         return None
     try:
         with np.load(path, allow_pickle=False) as file:
             return {name: file[name] for name in file.files}
     except (OSError, ValueError, EOFError) as error:
-        raise CannotVerify(f"{path} cannot be read: {error}") from None
+        raise CannotVerifyError(f"{path} cannot be read: {error}") from None

@@ -1,4 +1,4 @@
-"""Looks over an installation and its data folder, without starting anything: what is there, what to mend."""
+"""Checks an installation and its data folder without starting anything: what is there, and what to repair."""
 
 from __future__ import annotations
 
@@ -39,14 +39,14 @@ def examine(settings: Settings) -> list[Check]:
         lambda: _web_viewer(settings),
         _display,
     ]
-    return [_made(look) for look in looks]
+    return [_run_check(look) for look in looks]
 
 
-def _made(look: Callable[[], Check]) -> Check:
+def _run_check(look: Callable[[], Check]) -> Check:
     """A check that breaks is a finding of its own."""
     try:
         return look()
-    except Exception as error:
+    except Exception as error:  # noqa: BLE001  (whatever breaks is a finding)
         return Check(name="examination", level="bad", found=f"{type(error).__name__}: {error}", advice="report this")
 
 
@@ -167,7 +167,7 @@ def _port(settings: Settings) -> Check:
         socket.create_server((DEFAULT_HOST, port)).close()
     except OSError as error:
         if error.errno == errno.EADDRINUSE and (endpoint(settings.data) or "").endswith(f":{port}"):
-            return Check(name="port", level="ok", found=f"{port}: a service of this folder was the last there")
+            return Check(name="port", level="ok", found=f"{port}: the last service of this folder used it")
         advice = "serve takes the next free one unless --port is given"
         return Check(name="port", level="warn", found=f"{port}: {os.strerror(error.errno or 0)}", advice=advice)
     return Check(name="port", level="ok", found=f"{port} is free")
@@ -191,12 +191,12 @@ def _web_viewer(settings: Settings) -> Check:
     try:
         files = served() if home is None else {name: (home / name).read_bytes() for name in FILES}
     except (OSError, ViewerError) as error:
-        advice = f"remove {home}: it is made anew" if home is not None else "pip install --force-reinstall rerun-sdk"
+        advice = f"remove {home}: it is made again" if home is not None else "pip install --force-reinstall rerun-sdk"
         return Check(name="web viewer", level="bad", found=str(error), advice=advice)
     where = "in the wheel" if home is None else str(home)
     size = sum(map(len, files.values())) / 1e6
     if not files[PROGRAM].startswith(WASM):
-        advice = "pip install --force-reinstall rerun-sdk" if home is None else f"remove {home}: it is made anew"
+        advice = "pip install --force-reinstall rerun-sdk" if home is None else f"remove {home}: it is made again"
         return Check(name="web viewer", level="bad", found=f"{where}: {PROGRAM} is damaged", advice=advice)
     return Check(name="web viewer", level="ok", found=f"{where}, {size:.0f} MB")
 

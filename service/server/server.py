@@ -16,7 +16,6 @@ from pathlib import Path
 from types import FrameType
 
 import uvicorn
-from sqlalchemy.exc import DatabaseError
 
 from service import logs
 from service.api.context import Service
@@ -24,6 +23,7 @@ from service.files.lock import LockHeldError, file_lock
 from service.server.endpoint import endpoint
 from service.server.uvicorn_overrides import Server
 from service.settings import DEFAULT_PORT, Settings, url_of
+from service.store.errors import DatabaseError
 from simcore.errors import NeedlebenchError
 
 _PORTS_TRIED = 50
@@ -126,13 +126,18 @@ def _in_use(data: Path, holder: str) -> str:
     )
 
 
+def _print_address(url: str) -> None:
+    sys.stdout.write(f"{url}\n")
+    sys.stdout.flush()
+
+
 def main() -> None:
     """Serve by environment variables alone, as the demo does; ends with whoever started it."""
     logs.configure("text")
     try:
-        serve(Settings.load(), announce=lambda line: print(line, flush=True), until_stdin_closes=True)
+        serve(Settings.load(), announce=_print_address, until_stdin_closes=True)
     except NeedlebenchError as error:
-        print(error, file=sys.stderr)
+        sys.stderr.write(f"{error}\n")
         raise SystemExit(2) from None
 
 

@@ -32,20 +32,24 @@ class Protocol(HttpToolsProtocol):
     _left = MAXIMUM_OVERHEAD_BYTES
 
     def data_received(self, data: bytes) -> None:
+        """Count what is no body; refuse too much of it."""
         self._left -= len(data)
         super().data_received(data)
         if self._left < 0 and not self.transport.is_closing():
             self._refuse(431, f"the headers are longer than {MAXIMUM_OVERHEAD_BYTES} bytes")
 
     def on_body(self, body: bytes) -> None:
+        """A body pays for itself."""
         self._left += 2 * len(body)  # as much again for the marks between its chunks
         super().on_body(body)
 
     def on_message_complete(self) -> None:
+        """The next request of the connection counts from zero."""
         self._left = MAXIMUM_OVERHEAD_BYTES
         super().on_message_complete()
 
-    def send_400_response(self, msg: str) -> None:
+    def send_400_response(self, msg: str) -> None:  # noqa: ARG002  (uvicorn's signature)
+        """A problem in place of uvicorn's own text."""
         self._refuse(400, "this is not a valid HTTP request")
 
     def _refuse(self, status: int, detail: str) -> None:
@@ -98,6 +102,7 @@ class Server(uvicorn.Server):
         super().handle_exit(sig, frame)
 
     async def startup(self, sockets: list[socket.socket] | None = None) -> None:
+        """Listen, then say where."""
         await super().startup(sockets=sockets)
         if self.started:
             data = self._service.settings.data
@@ -108,5 +113,6 @@ class Server(uvicorn.Server):
             self._announce(self._url)
 
     async def shutdown(self, sockets: list[socket.socket] | None = None) -> None:
+        """End long polls and live recordings, then the rest."""
         self._service.changes.close()
         await super().shutdown(sockets=sockets)

@@ -15,11 +15,11 @@ from service.store.campaign import (
     DONE,
     RUNNING,
     Campaign,
-    CampaignActive,
+    CampaignActiveError,
     CampaignCase,
     CampaignPlan,
     Tally,
-    UnknownCampaign,
+    UnknownCampaignError,
 )
 from service.store.job import QUEUED, TERMINAL
 from service.store.job import RUNNING as JOB_RUNNING
@@ -109,14 +109,14 @@ class CampaignStore:
     # -- reading
 
     def get(self, campaign_id: str) -> Campaign:
-        """Raises UnknownCampaign."""
+        """Raises UnknownCampaignError."""
         with self._store.reading() as connection:
             return self._read(connection, campaign_id)
 
     def _read(self, connection: Connection, campaign_id: str) -> Campaign:
         row = connection.execute(select(*_COLUMNS).where(_campaign.c.id == campaign_id)).one_or_none()
         if row is None:
-            raise UnknownCampaign(f"there is no campaign {campaign_id}")
+            raise UnknownCampaignError(f"there is no campaign {campaign_id}")
         return _to_campaign(row)
 
     def newest(
@@ -145,7 +145,7 @@ class CampaignStore:
             return {i: _tally(connection, i) for i in campaign_ids}
 
     def cases(self, campaign_id: str, *, results: bool = True) -> list[CampaignCase]:
-        """The cases in the order of the suite; a result is the job's while there is one. Raises UnknownCampaign."""
+        """The cases in suite order; a result is the job's while there is one. Raises UnknownCampaignError."""
         columns = [_case.c.number, _case.c.case_id, _case.c.labels, _case.c.job_id]
         columns += [_job.c.state, _job.c.error_kind, _job.c.error]
         query = (
@@ -252,11 +252,11 @@ class CampaignStore:
     def delete(self, campaign_id: str) -> list[str]:
         """Forget a campaign that has ended, with its jobs; the ids of these, whose folders may go.
 
-        Raises UnknownCampaign, CampaignActive.
+        Raises UnknownCampaignError, CampaignActiveError.
         """
         with self._store.writing() as connection:
             if not self._read(connection, campaign_id).terminal:
-                raise CampaignActive(f"campaign {campaign_id} is running: cancel it first")
+                raise CampaignActiveError(f"campaign {campaign_id} is running: cancel it first")
             mine = select(_case.c.job_id).where(_case.c.campaign_id == campaign_id, _case.c.job_id.is_not(None))
             ids = list(connection.execute(mine).scalars())
             connection.execute(delete(_job).where(_job.c.id.in_(mine)))

@@ -35,11 +35,11 @@ MAXIMUM_ATTEMPTS = 25  # after which a death of the whole server is laid to the 
 CRASHED, REQUEUED = "crashed", "requeued"  # events: back in the queue, after a death or after an orderly stop
 
 
-class UnknownJob(NeedlebenchError, LookupError):
+class UnknownJobError(NeedlebenchError, LookupError):
     """There is no job of this id."""
 
 
-class IllegalTransition(NeedlebenchError):
+class IllegalTransitionError(NeedlebenchError):
     """The job is not in a state from which it may go where it was sent; says in which it is."""
 
     def __init__(self, job_id: str, state: str, wanted: str) -> None:
@@ -47,15 +47,15 @@ class IllegalTransition(NeedlebenchError):
         super().__init__(f"job {job_id} is {state}: it cannot become {wanted}")
 
 
-class KeyReused(NeedlebenchError):
+class KeyReusedError(NeedlebenchError):
     """An idempotency key came again with another request."""
 
 
-class QueueFull(NeedlebenchError):
+class QueueFullError(NeedlebenchError):
     """No more jobs are taken now."""
 
 
-class UploadGone(NeedlebenchError, LookupError):
+class UploadGoneError(NeedlebenchError, LookupError):
     """A job names uploads that were deleted meanwhile; `problems` names the fields."""
 
     def __init__(self, problems: list[Problem]) -> None:
@@ -63,7 +63,7 @@ class UploadGone(NeedlebenchError, LookupError):
         super().__init__("; ".join(f"{p.field}: {p.message}" for p in problems))
 
 
-class InputGone(NeedlebenchError):
+class InputGoneError(NeedlebenchError):
     """A job cannot run again: an upload that it names was deleted since; `problems` names the fields."""
 
     def __init__(self, job_id: str, problems: list[Problem]) -> None:

@@ -37,9 +37,9 @@ from service.store.job import (
     Artefact,
     Event,
     Job,
-    KeyReused,
-    QueueFull,
-    UnknownJob,
+    KeyReusedError,
+    QueueFullError,
+    UnknownJobError,
 )
 from service.store.schema import campaign, campaign_case
 from service.store.transactions import Transactions
@@ -88,12 +88,12 @@ class JobQueries(Transactions):
     """The reading half of the store, one short transaction a question."""
 
     def get(self, job_id: str) -> Job:
-        """The job with its spec and result. Raises UnknownJob."""
+        """The job with its spec and result. Raises UnknownJobError."""
         with self.reading() as connection:
             return read(connection, job_id)
 
     def get_summary(self, job_id: str) -> Job:
-        """The job without its spec and result, which can be large. Raises UnknownJob."""
+        """The job without its spec and result, which can be large. Raises UnknownJobError."""
         with self.reading() as connection:
             return read(connection, job_id, BRIEF)
 
@@ -190,10 +190,10 @@ class JobQueries(Transactions):
 
 
 def read(connection: Connection, job_id: str, query: Select[Any] = WHOLE) -> Job:
-    """The job of this id, within a transaction; BRIEF leaves out spec and result. Raises UnknownJob."""
+    """The job of this id, within a transaction; BRIEF leaves out spec and result. Raises UnknownJobError."""
     row = connection.execute(query, {"job_id": job_id}).one_or_none()
     if row is None:
-        raise UnknownJob(f"there is no job {job_id}")
+        raise UnknownJobError(f"there is no job {job_id}")
     return to_job(row)
 
 
@@ -204,24 +204,24 @@ def to_job(row: Row[Any]) -> Job:
 
 
 def check_room(connection: Connection, owner: str | None, limits: Limits) -> None:
-    """Whether the queue takes one more job of this API key. Raises QueueFull."""
+    """Whether the queue takes one more job of this API key. Raises QueueFullError."""
     if connection.execute(ALL_QUEUED).scalar_one() >= limits.queue:  # else there is no need to look closer
         queued = connection.execute(QUEUED_ALONE).scalar_one()  # a campaign is one request, however large
         if queued >= limits.queue:
-            raise QueueFull(f"{queued} jobs are queued, at most {limits.queue} are taken")
+            raise QueueFullError(f"{queued} jobs are queued, at most {limits.queue} are taken")
     if owner is not None:
         queued = connection.execute(QUEUED_ALONE.where(JOB.c.owner == owner)).scalar_one()
         if queued >= (most := limits.queue_per_key):
-            raise QueueFull(f"{queued} jobs of this key are queued, at most {most} of one key are taken")
+            raise QueueFullError(f"{queued} jobs of this key are queued, at most {most} of one key are taken")
 
 
 def find_original(connection: Connection, key: str | None, request_hash: str) -> Job | None:
-    """The job that was submitted with this idempotency key, if there is one. Raises KeyReused."""
+    """The job that was submitted with this idempotency key, if there is one. Raises KeyReusedError."""
     if key is None:
         return None
     seen = connection.execute(select(schema.idempotency).where(schema.idempotency.c.key == key)).one_or_none()
     if seen is None:
         return None
     if seen.request_hash != request_hash:
-        raise KeyReused(f"this key was used for job {seen.job_id} with another request")
+        raise KeyReusedError(f"this key was used for job {seen.job_id} with another request")
     return read(connection, seen.job_id)

@@ -22,8 +22,8 @@ from service.store.job import (
     QUEUED,
     REQUEUED,
     RUNNING,
-    IllegalTransition,
-    InputGone,
+    IllegalTransitionError,
+    InputGoneError,
     Job,
     Outcome,
 )
@@ -58,7 +58,7 @@ class Store(Transitions):
 
     # -- submitting
 
-    def submit(
+    def submit(  # noqa: PLR0913  (one row of the job table, by keyword)
         self,
         *,
         name: str,
@@ -76,7 +76,7 @@ class Store(Transitions):
         """A new queued job; the original job when the idempotency key was seen.
 
         owner: the API key that asked. uploads: ids of those that the job will read.
-        Raises KeyReused, QueueFull, UploadGone.
+        Raises KeyReusedError, QueueFullError, UploadGoneError.
         """
         with self._write() as connection:
             known = find_original(connection, key, request_hash)
@@ -137,7 +137,7 @@ class Store(Transitions):
             self.notify(job.id)
 
     def finish(self, job: Job, outcome: Outcome) -> Job:
-        """End the running attempt `job`. Raises IllegalTransition when it is not the current one."""
+        """End the running attempt `job`. Raises IllegalTransitionError when it is not the current one."""
         with self._write() as connection:
             done = self._end(connection, job, outcome)
             self._log(connection, done, outcome.state, error_data(outcome))
@@ -205,9 +205,9 @@ class Store(Transitions):
         return moved
 
     def retry(self, job_id: str) -> Job:
-        """Queue a job again that failed, was cancelled or ran out of time. Raises IllegalTransition.
+        """Queue a job again that failed, was cancelled or ran out of time. Raises IllegalTransitionError.
 
-        The attempts go on counting; what the last one left is no longer listed. Raises InputGone, too.
+        The attempts go on counting; what the last one left is no longer listed. Raises InputGoneError, too.
         """
         fresh: dict[str, Any] = dict.fromkeys(
             ("progress", "metrics", "result", "error_kind", "error", "cpu_s", "max_rss_mb", "heartbeat_at")
@@ -216,9 +216,9 @@ class Store(Transitions):
         with self._write() as connection:
             job = read(connection, job_id)
             if not job.terminal:
-                raise IllegalTransition(job_id, job.state, QUEUED)
+                raise IllegalTransitionError(job_id, job.state, QUEUED)
             if problems := missing(connection, job.spec or {}):
-                raise InputGone(job.id, problems)
+                raise InputGoneError(job.id, problems)
             moved = self._move(connection, job, QUEUED, fresh)
             connection.execute(delete(schema.artefact).where(schema.artefact.c.job_id == job_id))
             self._log(connection, moved, QUEUED, {"retry_of": job.state, "error": job.error})
@@ -226,7 +226,7 @@ class Store(Transitions):
         return moved
 
     def pin(self, job_id: str, *, pinned: bool) -> Job:
-        """Keep a job whatever is cleared away, or no longer. Idempotent."""
+        """Keep a job out of every retention, or no longer. Idempotent."""
         with self._write() as connection:
             job = read(connection, job_id)
             if job.pinned == pinned:
@@ -239,7 +239,7 @@ class Store(Transitions):
         return job
 
     def cancel(self, job_id: str) -> Job:
-        """Cancel a queued job, ask a running one to stop. Idempotent. Raises IllegalTransition."""
+        """Cancel a queued job, ask a running one to stop. Idempotent. Raises IllegalTransitionError."""
         with self._write() as connection:
             job = read(connection, job_id)
             if job.state == CANCELLED or (job.state == RUNNING and job.cancel_requested):
@@ -252,19 +252,19 @@ class Store(Transitions):
                 changed = read(connection, job_id)
                 self._log(connection, changed, "cancel_requested")
             else:
-                raise IllegalTransition(job_id, job.state, CANCELLED)
+                raise IllegalTransitionError(job_id, job.state, CANCELLED)
         self.notify(job_id)
         return changed
 
     def delete(self, job_id: str) -> None:
-        """Forget a job that has ended, with its artefacts' rows. Raises IllegalTransition while it is active or pinned.
+        """Forget an ended job and its artefacts' rows. Raises IllegalTransitionError while it is active or pinned.
 
-        The row goes before the files: a kill in between leaves a folder without a job, which `retention` clears away.
+        The row goes before the files: a kill in between leaves a folder without a job, which `retention` removes.
         """
         with self._write() as connection:
             job = read(connection, job_id, BRIEF)
             if not job.terminal or job.pinned:
-                raise IllegalTransition(job_id, "pinned" if job.pinned else job.state, "deleted")
+                raise IllegalTransitionError(job_id, "pinned" if job.pinned else job.state, "deleted")
             connection.execute(delete(JOB).where(JOB.c.id == job_id))
             self._log(connection, job, "deleted")
         self.notify(job_id)

@@ -26,7 +26,7 @@ LOOKED_THROUGH = 2000  # of the latest jobs, for those that used a bundled model
 Source = Literal["packaged", "uploaded", "trained"]
 
 
-class UnknownModel(NeedlebenchError, LookupError):
+class UnknownModelError(NeedlebenchError, LookupError):
     """There is no model of this id."""
 
 
@@ -64,13 +64,13 @@ class Models:
         return [self._of(upload) for upload in found if "kind" in upload.content] + packaged()
 
     def get(self, model_id: str) -> Model:
-        """Raises UnknownModel."""
+        """Raises UnknownModelError."""
         for model in packaged() if re.fullmatch(KIND, model_id) else ():
             if model.id == model_id:
                 return model
         upload = self._uploads.find(model_id)
         if upload is None or upload.kind != "model" or "kind" not in upload.content:
-            raise UnknownModel(f"there is no model {model_id}")
+            raise UnknownModelError(f"there is no model {model_id}")
         return self._of(upload)
 
     def _of(self, upload: Upload) -> Model:

@@ -54,7 +54,7 @@ job = Table(
     Column("attempt", Integer, nullable=False),  # counts the claims; with the id it names the owner of a running job
     Column("crashes", Integer, nullable=False),  # attempts that ended with the death of a worker or of the server
     Column("cancel_requested", Boolean(create_constraint=False), nullable=False),
-    Column("pinned", Boolean(create_constraint=False), nullable=False, server_default=false()),  # never cleared away
+    Column("pinned", Boolean(create_constraint=False), nullable=False, server_default=false()),  # never removed
     Column("heartbeat_at", Float),
     Column("progress", JSON(none_as_null=True)),
     Column("metrics", JSON(none_as_null=True)),
@@ -231,7 +231,7 @@ upload = Table(
     Column("owner", String(32)),
     Column("created_at", Float, nullable=False),
     Column("job_id", String(32)),  # that made it; no foreign key: it stays when the job is deleted
-    Column("pinned", Boolean(create_constraint=False), nullable=False, server_default=false()),  # never cleared away
+    Column("pinned", Boolean(create_constraint=False), nullable=False, server_default=false()),  # never removed
 )
 
 job_upload = Table(

@@ -7,7 +7,7 @@ from typing import Any
 
 from sqlalchemy import Connection
 
-from service.store.job import LEGAL, IllegalTransition, Job, Outcome
+from service.store.job import LEGAL, IllegalTransitionError, Job, Outcome
 from service.store.job_queries import (
     ARTEFACT,
     BRIEF,
@@ -46,7 +46,7 @@ class Transitions(JobQueries):
         if outcome.state in LEGAL[job.state]:
             row = connection.execute(END, {**attempt_key(job), **values}).one_or_none()
         if row is None:
-            raise IllegalTransition(job.id, read(connection, job.id, BRIEF).state, outcome.state)
+            raise IllegalTransitionError(job.id, read(connection, job.id, BRIEF).state, outcome.state)
         rows = [{"job_id": job.id, **{n: getattr(file, n) for n in FILE_FIELDS}} for file in outcome.artefacts]
         if rows:
             connection.execute(ARTEFACT, rows)
@@ -58,7 +58,7 @@ class Transitions(JobQueries):
             row = connection.execute(MOVE, {**attempt_key(job), **values, "state": state}).one_or_none()
             if row is not None:
                 return to_job(row)
-        raise IllegalTransition(job.id, read(connection, job.id).state, state)
+        raise IllegalTransitionError(job.id, read(connection, job.id).state, state)
 
     def _log(self, connection: Connection, job: Job, kind: str, data: dict[str, Any] | None = None) -> None:
         connection.execute(EVENT, self._entry(job, kind, data))

@@ -46,14 +46,17 @@ class ObserverGroup:
     observers: tuple[Observer, ...]
 
     def begin(self, scene: Scene, first: StepRecord) -> None:
+        """Hand it to each."""
         for observer in self.observers:
             observer.begin(scene, first)
 
     def step(self, record: StepRecord) -> None:
+        """Hand it to each."""
         for observer in self.observers:
             observer.step(record)
 
     def end(self, rollout: Rollout) -> None:
+        """Hand it to each."""
         for observer in self.observers:
             observer.end(rollout)
 
@@ -133,7 +136,7 @@ def _run(runner: str, spec: dict[str, Any], target: Path) -> tuple[Any, tuple[st
         return None, ("out_of_memory", _describe_failure(spec, error))
     except OSError as error:
         return None, ("disk" if error.errno in REFUSALS else "exception", _describe_failure(spec, error))
-    except Exception as error:
+    except Exception as error:  # noqa: BLE001  (whatever a runner raises is how its attempt ended)
         return None, ("exception", _describe_failure(spec, error))
 
 
@@ -168,14 +171,14 @@ def stoppable() -> Iterator[None]:
 
 def describe(folder: Path) -> list[dict[str, Any]]:
     """Kind, name, SHA-256 and size of each file that a finished attempt left; temporary names are passed over."""
-    found = []
+    files = []
     for name, kind in {**KINDS, MODEL: "model"}.items():
         path = folder / name
         if path.is_file():
             with path.open("rb") as file:
                 digest = hashlib.file_digest(file, "sha256").hexdigest()
-            found.append({"kind": kind, "name": name, "sha256": digest, "bytes": path.stat().st_size})
-    return found
+            files.append({"kind": kind, "name": name, "sha256": digest, "bytes": path.stat().st_size})
+    return files
 
 
 def peak_rss_mb() -> float | None:

@@ -81,7 +81,7 @@ def new_regressor(kind: str, settings: dict[str, Any]) -> Regressor:
 
 
 def _result(model: Path, text: bytes, fit_s: float) -> dict[str, Any]:
-    """As that of an insertion as far as there is the same to say. Raises NotLearned for a model too long to be read."""
+    """In the shape of an insertion's result. Raises NotLearnedError for a model too long to be read."""
     from service.files.model_content import model_content
     from simcore.provenance import provenance
 

@@ -14,6 +14,7 @@ from service.api.context import JobId, Service, ServiceOf, documented, matches
 from service.api.idempotency import IdempotencyKey, own_key
 from service.api.job_view_cache import Status
 from service.api.schemas.jobs import JobPage, JobRequest, JobSummary, JobView, State
+from service.store.job import content_hash
 from simcore.file_names import names_mean
 from simcore.scenario.presets import preset
 from simcore.scenario.scenario import Scenario

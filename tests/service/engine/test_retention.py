@@ -93,6 +93,21 @@ def test_jobs_go_by_age_number_and_size(both: tuple[TestClient, Service], policy
     assert cleared(both[1], policy, DAYS) == gone
 
 
+@pytest.mark.parametrize(
+    ("policy", "pin", "gone"),
+    [
+        (Policy(older_than_s=30 * DAY), 0, [1, 2]),
+        (Policy(keep_last=2), 1, [0, 2]),
+        (Policy(max_bytes=3500), 0, [1, 2]),  # the pinned one counts, and another goes in its place
+        (Policy(max_bytes=0), 4, [0, 1, 2, 3]),
+    ],
+)
+def test_pinned_jobs_stay_and_are_not_announced_as_going(
+    both: tuple[TestClient, Service], policy: Policy, pin: int, gone: list[int]
+) -> None:
+    assert cleared(both[1], policy, DAYS, pin=pin) == gone
+
+
 def test_pinned_and_active_jobs_stay(both: tuple[TestClient, Service]) -> None:
     http, service = both
     active = http.post("/api/v1/jobs", json={"scenario": "line"}).json()["id"]

@@ -12,7 +12,7 @@ import pytest
 from click.testing import CliRunner, Result
 
 from service.cli.main import main
-from service.local.verify import CannotVerify, changed, compare, first_difference
+from service.local.verify import CannotVerifyError, changed, compare, first_difference
 from service.store.job import Outcome
 from service.worker.attempt import run_job
 from service.worker.specs import InsertionSpec
@@ -169,5 +169,5 @@ def test_a_broken_series_is_named(rollout: Rollout, tmp_path: Path) -> None:
     told = needlebench("verify", str(path))
     assert told.exit_code == 2
     assert "series.npz cannot be read" in told.output
-    with pytest.raises(CannotVerify):
+    with pytest.raises(CannotVerifyError):
         compare({"digest": "0"}, None, rollout)

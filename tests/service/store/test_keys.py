@@ -17,7 +17,7 @@ from service.api_key import digest_of, id_of, keys_exist, new_key
 from service.settings import Limits, Settings, SettingsError
 from service.store.database import open_database
 from service.store.jobs import Store
-from service.store.keys import ENVIRONMENT, Keys, UnknownKey
+from service.store.keys import ENVIRONMENT, Keys, UnknownKeyError
 from simcore.errors import ScenarioError
 from tests.service.http import idle_service
 from tests.service.learned import model_bytes
@@ -164,7 +164,7 @@ def test_a_key_of_a_wrong_scope_or_note_is_refused(both: tuple[TestClient, Servi
     for wrong in ({"scope": "root"}, {"scope": "read", "note": "x" * 201}, {"scope": "read", "note": "a\nb"}):
         with pytest.raises(ScenarioError):
             both[1].keys.create(**wrong)
-    with pytest.raises(UnknownKey):
+    with pytest.raises(UnknownKeyError):
         both[1].keys.revoke("unknown")
 
 
