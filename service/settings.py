@@ -1,4 +1,4 @@
-"""What the service can be told, by flag or by environment variable; checked once, at construction."""
+"""The settings of the service, by flag or environment variable; checked once, at construction."""
 
 from __future__ import annotations
 
@@ -97,11 +97,11 @@ class Limits(Section):
 
 
 class Settings(Section):
-    """Everything that the service can be told.
+    """Every setting of the service.
 
     data: folder of the database, the results and the recordings. port: None = the default one or the next free.
     minimum_free_mb: room on the disk below which no job is begun, units of 2^20 bytes.
-    drain_s: how long running jobs may go on once the service was told to end; then they go back into the queue.
+    drain_s: how long running jobs may go on once the service was asked to end; then they go back into the queue.
     keep_days, keep_gb: once a day jobs that ended longer ago go, then the oldest until the rest fits; None = no rule.
     runner: `module:function` that does a job in a worker process; tests replace it.
     """

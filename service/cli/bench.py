@@ -155,7 +155,7 @@ def _load() -> float | None:
 
 @contextlib.contextmanager
 def _progress() -> Iterator[Callable[[str], None]]:
-    """A function that shows what is being measured: one changing line on a terminal, lines elsewhere."""
+    """A function that shows what is being measured: one changing line on a terminal, else a line each time."""
     if not sys.stderr.isatty():
         yield lambda text: click.echo(text, err=True)
         return

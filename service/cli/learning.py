@@ -92,7 +92,7 @@ def dataset(
 
 
 def _with_bar(cases: Sequence[Case], workers: int, cache: InsertionCache) -> Iterator[Insertion]:
-    """The insertions as they are finished, with a bar on a terminal and lines elsewhere."""
+    """The insertions as they are finished, with a bar on a terminal, else with lines."""
     from service.local.dataset_runs import insertions
 
     with ExitStack() as stack:
@@ -180,10 +180,10 @@ def train(source: Path, path: Path, kind: str, split: str, samples: int | None, 
         done = trained(data, _regressor(kind, **asked), split=split, samples=samples, data_sha256=sha256)
     text = done.model.text().encode()
     replace_atomically(path, lambda file: file.write(text))
-    told = done.model.provenance
+    provenance = done.model.provenance
     click.echo(f"RMSE of Delta P, mm    {'x':>8}{'y':>8}{'z':>8}")
     for side, rmse in (("train", done.train_rmse_mm), ("test", done.test_rmse_mm)):
-        click.echo(f"  {side:<6}{told[f'{side}_rows']:>7} rows   " + "".join(f"{axis:8.4f}" for axis in rmse))
+        click.echo(f"  {side:<6}{provenance[f'{side}_rows']:>7} rows   " + "".join(f"{axis:8.4f}" for axis in rmse))
     click.echo(f"{path}: {kind}, {len(text) / 1e3:.0f} kB, SHA-256 {hashlib.sha256(text).hexdigest()}")
 
 

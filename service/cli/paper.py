@@ -227,7 +227,7 @@ def _minutes(seconds: float) -> str:
 
 @contextmanager
 def _progress_on(plan: Plan, cost: Cost, workers: int) -> Iterator[ProgressListener]:
-    """A bar with the time left on a terminal, lines elsewhere."""
+    """A bar with the time left on a terminal, else lines."""
     share = {case.id: cost.of(case) / (1 if stage.alone else workers) for stage in plan.stages for case in stage.cases}
     if not sys.stderr.isatty():
         yield Lines(share)

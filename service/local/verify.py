@@ -1,4 +1,4 @@
-"""Reruns a result from what it says about itself, and tells whether the same came out, and if not, where."""
+"""Reruns a result from its own provenance and compares: identical, equal, or different and where."""
 
 from __future__ import annotations
 
@@ -84,7 +84,7 @@ class Files:
 
 
 def uploads_beside(path: Path) -> Path | None:
-    """The uploads of the data folder in which a result lies, as jobs/JOB/ATTEMPT/result.json; None elsewhere."""
+    """The uploads of the data folder in which a result lies, as jobs/JOB/ATTEMPT/result.json; else None."""
     above = path.absolute().parents
     return above[3] / "uploads" if len(above) > 3 and above[2].name == "jobs" else None
 
@@ -98,7 +98,7 @@ def verify(
 ) -> Verdict:
     """Run `result["provenance"]["scenario"]` again and compare.
 
-    series: the arrays beside the result; without them only "identical" and "different" can be told. uploads: folder of
+    series: the arrays beside the result; without them the verdict is "identical" or "different". uploads: folder of
     those that the scenario names by their ids.
     Raises CannotVerifyError for what is no result, ScenarioError for a scenario that this version refuses.
     """
@@ -122,7 +122,7 @@ def origin_of(result: Mapping[str, Any]) -> Mapping[str, Any]:
 
 
 def compare(result: Mapping[str, Any], series: Arrays | None, again: Rollout) -> Verdict:
-    """The verdict on a run and the same run of before."""
+    """The verdict on a run and its original."""
     identical = again.digest == result["digest"]
     first = None if identical or series is None else first_difference(series, again.series)
     tip_mm = 0.0 if identical else _tip_mm(series, again.series)
@@ -180,7 +180,7 @@ def _note(identical: bool, before: Arrays | None, now: Arrays) -> str:
     if identical:
         return ""
     if before is None:
-        return "no series.npz was found beside the result: where the runs part cannot be told"
+        return "no series.npz was found beside the result, so where the runs part is unknown"
     if "tip_m" in before and len(before["tip_m"]) != len(now["tip_m"]):
         return f"the run had {len(before['tip_m']) - 1} steps then, and has {len(now['tip_m']) - 1} now"
     return ""

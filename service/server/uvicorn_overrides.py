@@ -108,7 +108,7 @@ class Server(uvicorn.Server):
             data = self._service.settings.data
             try:
                 await asyncio.to_thread(write_endpoint, data, self._url)
-            except OSError as error:  # a full disk: who asks for the address must be told by hand
+            except OSError as error:  # a full disk: clients must then be given the address by hand
                 _log.warning("the address cannot be written to the data folder: %s", error)
             self._announce(self._url)
 

@@ -169,7 +169,7 @@ class CampaignStore:
     # -- changing
 
     def cancel(self, campaign_id: str) -> Campaign:
-        """Cancel what is queued, ask what runs to stop; once more, and after the end, is no error."""
+        """Cancel queued jobs and ask running ones to stop. Idempotent, and no error after the end."""
         with self._store.writing() as connection:
             now = self._read(connection, campaign_id)
             if now.terminal or now.cancel_requested:

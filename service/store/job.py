@@ -96,7 +96,7 @@ class Event:
 
 @dataclass(frozen=True, kw_only=True)
 class Outcome:
-    """How an attempt ended: a terminal state and what goes with it. progress: None = as it was told last."""
+    """How an attempt ended: a terminal state and what goes with it. progress: None = as last stored."""
 
     state: str
     progress: dict[str, Any] | None = None

@@ -55,7 +55,7 @@ class ScheduleStore:
             return _to_schedule(connection.execute(insert(_schedule).values(row).returning(*_COLUMNS)).one())
 
     def change(self, schedule_id: str, values: dict[str, Any], *, version: int | None) -> Schedule:
-        """Other values for some fields; version: the one that the caller has seen. The next moment is found anew.
+        """Other values for some fields; version: the one that the caller has seen. The next tick is computed again.
 
         Raises UnknownScheduleError, ScheduleChangedError, ScheduleExistsError, ScenarioError.
         """

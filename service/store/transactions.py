@@ -41,7 +41,7 @@ class Transactions:
                 listener(job_id)
 
     def changed_within(self, job_ids: Iterable[str]) -> None:
-        """Within a transaction that writes: these are told of once it is committed."""
+        """Within a transaction that writes: listeners hear of these once it is committed."""
         self._changed.extend(job_ids)
 
     @property

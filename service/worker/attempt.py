@@ -36,7 +36,7 @@ _log = logging.getLogger(ROOT)
 
 
 class WorkerStop(BaseException):
-    """The worker was told to stop; not an Exception, so that nothing between here and the kernel swallows it."""
+    """The worker was asked to stop; not an Exception, so that nothing between here and the kernel swallows it."""
 
 
 @dataclass(frozen=True)
