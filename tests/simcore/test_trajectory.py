@@ -108,7 +108,7 @@ def test_the_overlay_is_a_unit_vector_across_the_chord(path: Path) -> None:
     assert path.overlay @ chord == pytest.approx(0.0, abs=1e-9 * float(np.linalg.norm(chord)))
     assert path.direction is not None
     assert path.overlay @ path.direction > 0.0
-    assert np.linalg.det([path.overlay, path.direction, chord]) == pytest.approx(0.0, abs=1e-12)
+    assert path.overlay @ np.cross(path.direction, chord) == pytest.approx(0.0, abs=1e-12)  # in their plane
 
 
 def test_a_straight_path_has_no_overlay() -> None:
