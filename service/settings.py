@@ -100,7 +100,7 @@ class Settings(Section):
     """Every setting of the service.
 
     data: folder of the database, the results and the recordings. port: None = the default one or the next free.
-    minimum_free_mb: room on the disk below which no job is begun, units of 2^20 bytes.
+    minimum_free_mb: room on the disk below which no job is started, units of 2^20 bytes.
     drain_s: how long running jobs may go on once the service was asked to end; then they go back into the queue.
     keep_days, keep_gb: once a day jobs that ended longer ago go, then the oldest until the rest fits; None = no rule.
     runner: `module:function` that does a job in a worker process; tests replace it.
@@ -138,7 +138,7 @@ class Settings(Section):
     minimum_free_mb: int = setting(
         MINIMUM_BYTES // 2**20,
         "NEEDLEBENCH_MINIMUM_FREE_MB",
-        f"room below which no job is begun; default {MINIMUM_BYTES // 2**20}",
+        f"room below which no job is started; default {MINIMUM_BYTES // 2**20}",
         low=0,
         high=1e9,
         rule="must be 0 or more",
@@ -176,7 +176,7 @@ class Settings(Section):
 
     @property
     def minimum_free_bytes(self) -> int:
-        """Room on the disk below which no job is begun."""
+        """Room on the disk below which no job is started."""
         return self.minimum_free_mb * 2**20
 
     @property

@@ -93,7 +93,7 @@ def test_no_job_is_begun_without_room_and_all_are_when_there_is(small_disk: Path
         job = server.client.submit({"name": "quick"})
         until(lambda: server.client._http.get("/readyz").status_code == 503)
         told = server.client._http.get("/readyz").json()
-        assert "no job is begun below 32.0 MB" in told["detail"]
+        assert "no job is started below 32.0 MB" in told["detail"]
         assert "needlebench gc" in str(told["checks"])
         assert server.client.job(job.id).state == "queued"
         assert mount("-o", "remount,size=64m", str(small_disk))

@@ -57,5 +57,5 @@ def test_what_is_overridden_is_there() -> None:
 def test_a_worker_that_is_told_to_end_gets_its_fifth_of_a_second() -> None:
     pool = pebble_overrides.single_worker_pool(print)
     assert pebble.CONSTS.term_timeout == pebble_overrides.TERM_TIMEOUT_S == 0.2
-    pool.stop()
+    pool.stop()  # type: ignore[no-untyped-call]
     pool.join()

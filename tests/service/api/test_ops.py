@@ -101,12 +101,12 @@ def test_readiness_warns_of_a_disk_that_runs_short_and_then_refuses(
     monkeypatch.setattr(checks, "free_bytes", lambda _: 2**30)
     short = http.get("/readyz")
     assert (short.status_code, levels(short.json())["disk"]) == (200, "warn")
-    assert any("1.0 GB free; clear away old jobs" in text for text in short.json()["warnings"])
+    assert any("1.0 GB free; remove old jobs" in text for text in short.json()["warnings"])
     monkeypatch.setattr(checks, "free_bytes", lambda _: 2**20)
     full = http.get("/readyz")
     assert (full.status_code, full.headers["content-type"]) == (503, "application/problem+json")
     assert levels(full.json())["disk"] == "bad"
-    assert "no job is begun below 256.0 MB" in full.json()["detail"]
+    assert "no job is started below 256.0 MB" in full.json()["detail"]
 
 
 def test_readiness_sees_a_database_that_is_locked_and_one_that_is_free_again(

@@ -14,7 +14,8 @@ from starlette.testclient import TestClient
 from service.api.context import Service
 from service.api.middleware.rate_limit import Rate
 from service.api_key import digest_of, id_of, keys_exist, new_key
-from service.settings import Limits, Settings, SettingsError
+from service.environment import SettingsError
+from service.settings import Limits, Settings
 from service.store.database import open_database
 from service.store.jobs import Store
 from service.store.keys import ENVIRONMENT, Keys, UnknownKeyError
