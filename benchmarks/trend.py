@@ -12,8 +12,6 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from enum import StrEnum
 
-from scipy import stats
-
 SIGNIFICANCE = 0.01  # [ours] two-tailed p below which a difference of paired errors is taken to be real
 WORTH_MM = 0.005  # [ours] median difference below which a real one is not worth a mark
 SPREADS = 4.0  # [ours] robust standard deviations of the history that a time may be above its median
@@ -118,7 +116,9 @@ def _accuracy(point: Point, last: Point | None) -> tuple[Mark, str]:
         return Mark.SAME, f"all {len(shared)} digests unchanged"
     gaps = [_gap(point.rmse_mm[case], last.rmse_mm[case]) for case in shared]
     above, below = sum(gap > 0 for gap in gaps), sum(gap < 0 for gap in gaps)
-    p = float(stats.binomtest(above, above + below).pvalue) if above + below else 1.0
+    from scipy.stats import binomtest  # a second of imports that readers of this module do not wait for
+
+    p = float(binomtest(above, above + below).pvalue) if above + below else 1.0
     middle = statistics.median(gaps)
     why = f"{len(changed)} of {len(shared)} digests changed; RMSE {middle:+.4f} mm in the median, sign test p = {p:.2g}"
     if p >= SIGNIFICANCE or abs(middle) < WORTH_MM:

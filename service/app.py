@@ -25,9 +25,9 @@ from service.api.routes import models as api_models
 from service.api.routes import operations as ops
 from service.api.routes import schedules as api_schedules
 from service.api.routes import uploads as upload_routes
-from service.store.keys import UnknownKey
-from service.store.models import UnknownModel
-from service.store.uploads import UnknownUpload, UploadInUse, UploadsFull
+from service.store.keys import UnknownKeyError
+from service.store.models import UnknownModelError
+from service.store.uploads import UnknownUploadError, UploadInUseError, UploadsFullError
 from service.version import installed_version
 from service.web import assets, campaigns, jobs, login, models, schedules, site, viewer
 
@@ -63,11 +63,11 @@ def create_app(service: Service) -> FastAPI:
     service.monitor.add(lambda: readings(service))
     app.openapi = openapi.document_of(app)  # type: ignore[method-assign]
     problems.install(app, page=site.problem)
-    app.add_exception_handler(UnknownUpload, problems.on_unknown)
-    app.add_exception_handler(UnknownModel, problems.on_unknown)
-    app.add_exception_handler(UnknownKey, problems.on_unknown)
-    app.add_exception_handler(UploadInUse, problems.on_conflict)
-    app.add_exception_handler(UploadsFull, problems.on_no_room)
+    app.add_exception_handler(UnknownUploadError, problems.on_unknown)
+    app.add_exception_handler(UnknownModelError, problems.on_unknown)
+    app.add_exception_handler(UnknownKeyError, problems.on_unknown)
+    app.add_exception_handler(UploadInUseError, problems.on_conflict)
+    app.add_exception_handler(UploadsFullError, problems.on_no_room)
     for part in (
         api,
         events,

@@ -12,11 +12,10 @@ from benchmarks.cases import Case, Suite
 from benchmarks.grid.suite import grid
 from benchmarks.paper.suites import suite
 from service.admission.cost import Cost, check_cost, time_limit_s
-from service.api.idempotency import content_hash
-from service.api.schemas.jobs import TIME_LIMIT, TimeLimit
 from service.files.upload_names import UploadLookup
-from service.limits import Limits
+from service.settings import Limits
 from service.store.campaign import CampaignPlan, PlannedJob
+from service.store.job import TIME_LIMIT, TimeLimit, content_hash
 from simcore.errors import Problem, ScenarioError
 from simcore.file_names import names_mean
 from simcore.scenario.presets import start

@@ -9,12 +9,10 @@ from typing import Annotated, Any, Literal
 from pydantic import BaseModel, ConfigDict, Field
 
 from service.files.upload_names import SCHEME, UPLOAD_ID
-from service.limits import Limits
+from service.settings import Limits
 from service.store.uploads import Upload
-from service.worker.training_job import SETTINGS, untrained
+from service.worker.training_job import SETTINGS, new_regressor
 from simcore.errors import Problem, ScenarioError
-from simcore.learning.regressor import DataError
-from simcore.learning.trained import INPUTS, MAXIMUM_MB, OUTPUTS
 
 ModelKind = Literal["elm", "linear", "neighbours", "mlp"]
 BASE_MB = 400.0  # Python with the libraries of a training
@@ -83,8 +81,10 @@ class TrainRequest(BaseModel):
             problems.append(Problem("name", self.name, "must be printable characters"))
         if problems:
             raise ScenarioError(problems)
+        from simcore.learning.regressor import DataError
+
         try:
-            settings = untrained(self.kind, given).settings()
+            settings = new_regressor(self.kind, given).settings()
         except DataError as error:
             raise ScenarioError([Problem("kind", self.kind, str(error))]) from None
         names = ("data", "kind", "split", "samples")
@@ -96,6 +96,8 @@ def check_training(training: dict[str, Any], data: Upload, limits: Limits) -> No
     reference = training["data"]
     if data.kind != "dataset":
         raise ScenarioError([Problem("data", reference, f"is a {data.kind}, not a data set")])
+    from simcore.learning.trained import MAXIMUM_MB
+
     learned, tested = data.content["splits"][training["split"]]
     if not learned or not tested:
         message = f"leaves {learned} rows to learn from and {tested} to test: the data set is too small"
@@ -115,8 +117,10 @@ def check_training(training: dict[str, Any], data: Upload, limits: Limits) -> No
 
 def cost_mb(training: dict[str, Any], rows: int, all_rows: int) -> tuple[float, float]:
     """Memory that the training needs and length of the model's file, MB. Good to a factor of two or so."""
+    from simcore.learning.trained import INPUTS, OUTPUTS
+
     settings, kind = training["settings"], training["kind"]
-    shapes = untrained(kind, settings).shapes(INPUTS, OUTPUTS)
+    shapes = new_regressor(kind, settings).shapes(INPUTS, OUTPUTS)
     numbers = sum(math.prod(rows if length == -1 else length for length in shape) for shape in shapes.values())
     columns = settings["nodes"] if kind == "elm" else INPUTS
     solved = COPIES * (rows + columns) * columns if kind in ("elm", "linear") else 0

@@ -47,7 +47,7 @@ class Service:
 
     @classmethod
     def open(cls, settings: Settings) -> Service:
-        """The service on its data folder, not yet running. Raises DatabaseTooNew."""
+        """The service on its data folder, not yet running. Raises ForeignDatabaseError."""
         changes, monitor = Changes(), Monitor()
         store = Store(open_database(settings.database), limits=settings.limits)
         statuses = Statuses(store)
@@ -57,7 +57,7 @@ class Service:
         engine, campaigns = Engine(settings, store, monitor, uploads), CampaignStore(store)
         schedules = ScheduleStore(store, campaigns)
         planner = Planner(uploads.lookup, settings.limits)
-        keeper = Keeper(campaigns, schedules, planner, poke=engine.poke, sweep=_sweep_of(settings, store, uploads))
+        keeper = Keeper(campaigns, schedules, planner, wake=engine.wake, sweep=_sweep_of(settings, store, uploads))
         return cls(
             settings=settings,
             store=store,

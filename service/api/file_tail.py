@@ -28,7 +28,7 @@ async def tail(service: Service, request: Request, job: Job, path_of: Callable[[
     file: BinaryIO | None = None
     try:
         while True:
-            now = await run_in_threadpool(service.store.glance, job.id)
+            now = await run_in_threadpool(service.store.get_summary, job.id)
             over = now.terminal or now.attempt > attempt or service.changes.closed
             if (file is None and now.attempt == attempt and now.state == RUNNING) or now.terminal:
                 file = file or await run_in_threadpool(_opened, path_of(now))

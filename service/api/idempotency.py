@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 import hashlib
-import json
-from typing import Annotated, Any
+from typing import Annotated
 
 from fastapi import Header
 
@@ -19,8 +18,3 @@ def own_key(idempotency_key: str | None, owner: str | None) -> str | None:
     if idempotency_key is None or owner is None:
         return idempotency_key
     return f"{owner}/{hashlib.sha256(idempotency_key.encode()).hexdigest()}"
-
-
-def content_hash(value: Any) -> str:
-    """SHA-256 of JSON data, whatever the order of its fields."""
-    return hashlib.sha256(json.dumps(value, sort_keys=True, separators=(",", ":")).encode()).hexdigest()

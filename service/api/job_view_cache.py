@@ -9,7 +9,7 @@ from starlette.concurrency import run_in_threadpool
 
 from service.api.schemas.jobs import JobView
 from service.store.job import Job
-from service.store.job_queries import Reads
+from service.store.job_queries import JobQueries
 
 _MOST = 500  # jobs that are remembered, about 6 kB each
 
@@ -30,7 +30,7 @@ class Status:
 class Statuses:
     """The last status of each job that somebody asked for. `forget` must hear of every change, once it can be read."""
 
-    def __init__(self, store: Reads, *, most: int = _MOST) -> None:
+    def __init__(self, store: JobQueries, *, most: int = _MOST) -> None:
         self._store = store
         self._most = most
         self._lock = threading.Lock()
@@ -38,7 +38,7 @@ class Statuses:
         self._changes = 0
 
     async def of(self, job_id: str) -> Status:
-        """The job now; a thread and the database are asked only for one that is not known. Raises UnknownJob."""
+        """The job now; a thread and the database are asked only for one that is not known. Raises UnknownJobError."""
         with self._lock:
             if (known := self._known.pop(job_id, None)) is not None:
                 self._known[job_id] = known

@@ -10,13 +10,20 @@ from typing import Any
 
 from fastapi import FastAPI, Request
 from fastapi.exceptions import RequestValidationError
-from sqlalchemy.exc import OperationalError
 from starlette.exceptions import HTTPException
 from starlette.responses import Response
 
-from service.store.campaign import CampaignActive, UnknownCampaign
-from service.store.job import IllegalTransition, InputGone, KeyReused, QueueFull, UnknownJob, UploadGone
-from service.store.schedule import ScheduleChanged, ScheduleExists, UnknownSchedule
+from service.store.campaign import CampaignActiveError, UnknownCampaignError
+from service.store.errors import OperationalError
+from service.store.job import (
+    IllegalTransitionError,
+    InputGoneError,
+    KeyReusedError,
+    QueueFullError,
+    UnknownJobError,
+    UploadGoneError,
+)
+from service.store.schedule import ScheduleChangedError, ScheduleExistsError, UnknownScheduleError
 from simcore.errors import Problem, ScenarioError
 
 MEDIA_TYPE = "application/problem+json"
@@ -96,15 +103,15 @@ def install(app: FastAPI, *, page: Callable[[Request, int, str, str], Response] 
     app.add_exception_handler(HTTPException, _on_http)
     app.add_exception_handler(RequestValidationError, _on_request)
     app.add_exception_handler(ScenarioError, _on_scenario)
-    for unknown in (UnknownJob, UnknownCampaign, UnknownSchedule):
+    for unknown in (UnknownJobError, UnknownCampaignError, UnknownScheduleError):
         app.add_exception_handler(unknown, on_unknown)
-    for conflict in (IllegalTransition, CampaignActive, ScheduleExists):
+    for conflict in (IllegalTransitionError, CampaignActiveError, ScheduleExistsError):
         app.add_exception_handler(conflict, on_conflict)
-    app.add_exception_handler(ScheduleChanged, _on_stale)
-    app.add_exception_handler(KeyReused, _on_key)
-    app.add_exception_handler(QueueFull, _on_full)
-    app.add_exception_handler(UploadGone, _on_gone)
-    app.add_exception_handler(InputGone, _on_input_gone)
+    app.add_exception_handler(ScheduleChangedError, _on_stale)
+    app.add_exception_handler(KeyReusedError, _on_key)
+    app.add_exception_handler(QueueFullError, _on_full)
+    app.add_exception_handler(UploadGoneError, _on_gone)
+    app.add_exception_handler(InputGoneError, _on_input_gone)
     app.add_exception_handler(OperationalError, database_refusal)
     app.add_exception_handler(Exception, _on_crash)
 
@@ -202,12 +209,12 @@ def _on_full(request: Request, error: Exception) -> Response:
 
 
 def _on_gone(request: Request, error: Exception) -> Response:
-    assert isinstance(error, UploadGone)
+    assert isinstance(error, UploadGoneError)
     return _reply(request, 422, str(error), errors=error.problems)
 
 
 def _on_input_gone(request: Request, error: Exception) -> Response:
-    assert isinstance(error, InputGone)
+    assert isinstance(error, InputGoneError)
     return _reply(request, 409, str(error), errors=error.problems)
 
 

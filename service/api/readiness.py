@@ -19,7 +19,7 @@ def checks(service: Service) -> list[Check]:
         _workers(service),
         disk_check(settings.data, settings.minimum_free_bytes),
         folder_check(settings.data),
-        database_check(service.store.engine),
+        database_check(service.store),
     ]
 
 

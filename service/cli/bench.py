@@ -9,11 +9,9 @@ import os
 import shutil
 import sys
 import tempfile
-import threading
 import time
 import uuid
 from collections.abc import Callable, Iterator, Sequence
-from concurrent.futures import ThreadPoolExecutor
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, BinaryIO
@@ -24,10 +22,11 @@ from service.blas_threads import one_thread
 from simcore.errors import NeedlebenchError, Problem, ScenarioError
 
 if TYPE_CHECKING:
+    from benchmarks.cases import Case, Outcome
     from benchmarks.measurements import Table
     from benchmarks.observed_run import ObservedRun
     from service.recording.observer import RerunObserver
-    from service.worker import process as pool
+    from service.worker.crew import Crew
     from simcore.scenario.scenario import Scenario
 
 WIDTH = 170  # columns of a table that goes to a file or a pipe
@@ -177,7 +176,7 @@ def _load() -> float | None:
 
 @contextlib.contextmanager
 def _progress() -> Iterator[Callable[[str], None]]:
-    """A function that shows what is being measured: one changing line on a terminal, lines elsewhere."""
+    """A function that shows what is being measured: one changing line on a terminal, else a line each time."""
     if not sys.stderr.isatty():
         yield lambda text: click.echo(text, err=True)
         return
@@ -198,83 +197,68 @@ def recorder(path: Path) -> RerunObserver:
     return RerunObserver(path, recording_id=uuid.uuid4().hex)
 
 
-class JobFailed(NeedlebenchError):
+class JobFailedError(NeedlebenchError):
     """A job of a benchmark crashed in its worker."""
 
 
 @contextlib.contextmanager
-def _crew(workers: int, scratch: Path, say: Callable[[str], None]) -> Iterator[Crew]:
+def _crew(workers: int, scratch: Path, say: Callable[[str], None]) -> Iterator[BenchCrew]:
     """Warm workers, gone at the end."""
-    from benchmarks.observed_run import JOB
-    from service.worker import process as pool
+    from service.settings import RUNNER
+    from service.worker.crew import Crew
 
-    staff = [pool.Worker() for _ in range(workers)]
-    try:
-        for workman in staff:
-            for runner in ("service.worker.attempt:run_job", JOB):
-                workman.call(pool.warm, runner, str(scratch / "warm.lock")).result()
-        yield Crew(staff, scratch, say)
-    finally:
-        for workman in staff:
-            workman.stop()
+    with Crew(workers, folder=scratch, files=scratch, runner=RUNNER) as crew:
+        crew.start()
+        yield BenchCrew(crew, scratch, say)
 
 
-class Crew:
+class BenchCrew:
     """Worker processes as the service has them; see `benchmarks.ports.Crew`."""
 
-    def __init__(self, staff: list[pool.Worker], scratch: Path, say: Callable[[str], None]) -> None:
-        self._staff, self._scratch, self._say = staff, scratch, say
+    def __init__(self, crew: Crew, scratch: Path, say: Callable[[str], None]) -> None:
+        self._crew, self._scratch, self._say = crew, scratch, say
 
     def seconds(self, batches: Sequence[Sequence[Scenario]]) -> float:
         """Wall time of the batches, one on each worker, all at once; the jobs are recorded as the scenario says."""
-        jobs = [[scenario.resolved() for scenario in batch] for batch in batches]
+        cases = [[_case(scenario) for scenario in batch] for batch in batches]
         started = time.perf_counter()
-        futures = []
-        for workman, batch in zip(self._staff, jobs, strict=True):
-            futures += [self._start(workman, "service.worker.attempt:run_job", scenario) for scenario in batch]
-        done = [future.result() for future, _ in futures]
+        outcomes = self._crew.run_batches(cases)
         elapsed = time.perf_counter() - started
-        for answer, (_, folder) in zip(done, futures, strict=True):
-            self._finished(answer)
-            shutil.rmtree(folder, ignore_errors=True)
+        for outcome in outcomes:
+            self._remove(outcome)
         return elapsed
 
     def run_many(self, scenarios: Sequence[Scenario]) -> list[ObservedRun]:
         """Each worker takes the next scenario that nobody has."""
         from benchmarks.observed_run import JOB, load
 
-        waiting = iter(enumerate(scenarios))
-        results: dict[int, ObservedRun] = {}
-        turn = threading.Lock()
+        cases = [_case(scenario) for scenario in scenarios]
+        results: dict[str, ObservedRun] = {}
+        for outcome in self._crew.run_many(cases, runner=JOB, own_folders=True):
+            self._say(f"{len(results) + 1} of {len(cases)} runs done: {outcome.case.scenario['name']}")
+            result = {name: value for name, value in _checked(outcome).items() if name != "cost"}
+            results[outcome.case.id] = load(self._scratch / outcome.case.id, result)
+            self._remove(outcome)
+        return [results[case.id] for case in cases]
 
-        def work(workman: pool.Worker) -> None:
-            while True:
-                with turn:
-                    number, scenario = next(waiting, (-1, None))
-                if scenario is None:
-                    return
-                self._say(f"run {number + 1} of {len(scenarios)}: {scenario.name}")
-                future, folder = self._start(workman, JOB, scenario.resolved())
-                results[number] = load(folder, self._finished(future.result()))
-                shutil.rmtree(folder, ignore_errors=True)
+    def _remove(self, outcome: Outcome) -> None:
+        _checked(outcome)
+        shutil.rmtree(self._scratch / outcome.case.id, ignore_errors=True)
 
-        with ThreadPoolExecutor(len(self._staff)) as threads:
-            list(threads.map(work, self._staff))
-        return [results[number] for number in range(len(scenarios))]
 
-    def _start(self, workman: pool.Worker, runner: str, scenario: dict[str, Any]) -> tuple[Any, Path]:
-        from service.worker import attempt as worker
+def _case(scenario: Scenario) -> Case:
+    from benchmarks.cases import Case
 
-        folder = self._scratch / uuid.uuid4().hex
-        spec = {"scenario": scenario, "job_id": folder.name, "uploads": str(self._scratch)}
-        return workman.call(worker.execute, runner, spec, str(folder)), folder
+    return Case(uuid.uuid4().hex, scenario.resolved(), {})
 
-    @staticmethod
-    def _finished(answer: dict[str, Any]) -> dict[str, Any]:
-        if answer["error"] is not None:
-            raise JobFailed(answer["error"]["message"])
-        result: dict[str, Any] = answer["result"]
-        return result
+
+def _checked(outcome: Outcome) -> dict[str, Any]:
+    """The result. Raises JobFailedError for a job that crashed."""
+    from service.worker.crew import CRASHED
+
+    if outcome.result["status"] == CRASHED:
+        raise JobFailedError(outcome.result["message"])
+    return outcome.result
 
 
 # -- what is printed --------------------------------------------------------------------------------------------------

@@ -6,7 +6,6 @@ import os
 import secrets
 import subprocess
 import sys
-from dataclasses import replace
 from pathlib import Path
 
 import click
@@ -25,7 +24,7 @@ def run_demo(*, data: Path | None, port: int | None, keep: bool | None) -> int:
     """The whole demonstration; its exit code. keep: stay up until Ctrl-C; None = on a terminal outside CI."""
     settings = Settings.load(data=data, host=DEFAULT_HOST, port=port)
     if settings.api_key is None and keys_exist(settings.database):
-        settings = replace(settings, api_key=secrets.token_urlsafe(24))  # of the demonstration alone
+        settings = settings.model_copy(update={"api_key": secrets.token_urlsafe(24)})  # of the demonstration alone
     stay = keep if keep is not None else sys.stdout.isatty() and not os.environ.get("CI")
     click.echo(
         "A flexible needle is steered 122 mm deep through deforming tissue by an inverse finite element controller.\n"

@@ -65,8 +65,8 @@ def _cleared(settings: Settings, policy: Policy, dry_run: bool, url: str | None)
     from dataclasses import asdict
 
     from service.engine.retention import clear
-    from service.files.lock import Busy, held
-    from service.server.server import endpoint
+    from service.files.lock import LockHeldError, file_lock
+    from service.server.endpoint import endpoint
     from service.store.database import open_database
     from service.store.jobs import Store
     from service.store.uploads import Uploads
@@ -76,14 +76,14 @@ def _cleared(settings: Settings, policy: Policy, dry_run: bool, url: str | None)
         if not settings.database.is_file():
             raise ScenarioError([Problem("--data", str(settings.data), "holds no jobs")])
         try:
-            with held(settings.data / "server.lock"):
+            with file_lock(settings.data / "server.lock"):
                 store = Store(open_database(settings.database))
                 try:
                     uploads = Uploads(settings.uploads, store, settings.limits)
                     return asdict(clear(store, settings.jobs, policy, dry_run=dry_run, uploads=uploads))
                 finally:
                     store.close()
-        except Busy:
+        except LockHeldError:
             url = endpoint(settings.data)
     from service.cli.service import asked, client_of
 

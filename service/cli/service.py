@@ -33,8 +33,7 @@ class Serve(click.Command):
     """Its help ends with the environment variables that set limits."""
 
     def format_epilog(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
-        from service.limits import limits_help
-        from service.settings import variables_help
+        from service.settings import limits_help, variables_help
 
         for title, text in (("Environment variables", variables_help()), ("Limits, at most", limits_help())):
             with formatter.section(title):
@@ -98,18 +97,19 @@ def serve(
     list of jobs is at the address that is printed, the description of the whole interface at /openapi.json.
     """
     from service import logs
-    from service.server import server
+    from service.server.endpoint import port_notice
+    from service.server.server import serve as serve_until_stopped
     from service.settings import Settings
 
     settings = Settings.load(data=data, host=host, port=port, drain_s=drain_s, keep_days=keep_days, keep_gb=keep_gb)
     logs.configure(log_format)
 
     def announce(url: str) -> None:
-        if note := server.moved(settings.port, url):
+        if note := port_notice(settings.port, url):
             click.echo(note, err=True)
         click.echo(f"needlebench serves {url}\ndata: {settings.data}\nCtrl-C ends it; queued jobs are kept.")
 
-    server.serve(settings, announce=announce)
+    serve_until_stopped(settings, announce=announce)
 
 
 @click.command()
@@ -269,7 +269,7 @@ def retry(job_id: str, url: str | None) -> None:
 def client_of(url: str | None) -> Client:
     """A client of the service at `url`, else of the one that was started last on this machine."""
     from service.client.client import Client
-    from service.server.server import endpoint
+    from service.server.endpoint import endpoint
     from service.settings import DEFAULT_HOST, DEFAULT_PORT, data_dir, url_of
 
     known = url or endpoint(data_dir()) or url_of(DEFAULT_HOST, DEFAULT_PORT)

@@ -15,7 +15,7 @@ from service.client.campaigns import CampaignCalls
 from service.client.connection import CannotWrite, ServiceError, Unreachable, part, refusal
 from service.client.models import ModelCalls
 from service.client.records import JobEvent, JobStatus, Progress, Uploaded
-from service.files.references import references
+from service.files.upload_names import references
 from simcore.scenario.scenario import Scenario
 
 if TYPE_CHECKING:
@@ -195,16 +195,16 @@ class Client(CampaignCalls, ModelCalls):
     def verify(self, job_id: str, observer: Observer | None = None) -> Verdict:
         """Run the job's scenario again in this process and compare: identical, equal within 1e-6 mm, or different.
 
-        Uploads that the scenario names are fetched. Raises CannotVerify when the job has no result, trained a model, or
-        names an upload that the service no longer has.
+        Uploads that the scenario names are fetched. Raises CannotVerifyError when the job has no result, trained a
+        model, or names an upload that the service no longer has.
         """
-        from service.local.verify import CannotVerify, load_series, verify
+        from service.local.verify import CannotVerifyError, load_series, verify
 
         job = self.job(job_id)
         if job.result is None:
-            raise CannotVerify(f"job {job_id} is {job.state}: it has no result")
+            raise CannotVerifyError(f"job {job_id} is {job.state}: it has no result")
         if job.scenario is None:
-            raise CannotVerify(f"job {job_id} trained a model: train it again, the same SHA-256 must come out")
+            raise CannotVerifyError(f"job {job_id} trained a model: train it again, the same SHA-256 must come out")
         with tempfile.TemporaryDirectory() as name:
             folder = Path(name)
             for field_name, upload_id in references(dict(job.scenario)):
@@ -213,14 +213,14 @@ class Client(CampaignCalls, ModelCalls):
             return verify(job.result, series, observer, uploads=folder)
 
     def _fetched(self, upload_id: str, folder: Path, what: str) -> Path:
-        from service.local.verify import CannotVerify
+        from service.local.verify import CannotVerifyError
 
         try:
             return self.upload_file(upload_id, folder / upload_id)
         except ServiceError as error:
             if error.status != 404:
                 raise
-            raise CannotVerify(f"{what} names the upload {upload_id}, which the service no longer has") from None
+            raise CannotVerifyError(f"{what} names the upload {upload_id}, which the service no longer has") from None
 
     def log(self, job_id: str) -> str:
         """What the job's last attempt logged so far."""

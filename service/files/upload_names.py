@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import re
+from collections.abc import Iterator
 from pathlib import Path
+from typing import Any
 
 from simcore.file_names import NoSuchFileError
 
@@ -15,6 +17,7 @@ SUFFIXES = {
 }
 NAMES = {"mesh": "mesh", "model": "model", "dataset": "data set"}  # in sentences
 UPLOAD_ID = r"[0-9a-f]{64}\.[a-z]{1,8}"
+_REFERENCE = re.compile(f"{SCHEME}({UPLOAD_ID})")
 NAME = r"[A-Za-z0-9_][A-Za-z0-9_ .+()-]{0,99}"
 
 
@@ -38,3 +41,16 @@ class UploadLookup:
             raise NoSuchFileError("is no upload of this service, or was deleted: `needlebench upload` sends the file")
         self.used.add(upload_id)
         return path
+
+
+def references(value: Any, field: str = "") -> Iterator[tuple[str, str]]:
+    """(field, id of the upload) of each that the JSON data names, fields written as in tissue.mesh_file."""
+    if isinstance(value, str):
+        if (match := _REFERENCE.fullmatch(value)) is not None:
+            yield field, match[1]
+    elif isinstance(value, dict):
+        for name, item in value.items():
+            yield from references(item, f"{field}.{name}" if field else str(name))
+    elif isinstance(value, list | tuple):
+        for number, item in enumerate(value):
+            yield from references(item, f"{field}[{number}]")

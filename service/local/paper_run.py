@@ -16,7 +16,8 @@ from benchmarks.cases import Case, Outcome
 from benchmarks.paper.pipeline import Findings, rerun
 from benchmarks.paper.plan import Plan, Stage, StepCost, probes, steps
 from service.local.paper_folder import RECORDINGS, SCHEMA, SERIES, PaperFolder, write_text
-from service.worker.crew import RECORDING, Crew
+from service.worker.crew import Crew
+from service.worker.insertion_job import RECORDING_RUNNER
 from simcore.errors import NeedlebenchError, Problem, ScenarioError
 from simcore.file_names import names_mean
 from simcore.provenance import commit
@@ -26,22 +27,22 @@ DATASET = "dataset.npz"
 SPARE = 1.2  # of the estimated disk space
 
 
-class NotReproduced(NeedlebenchError):
+class NotReproducedError(NeedlebenchError):
     """A second run of the same scenario gave another digest."""
 
 
-class NoCost(NeedlebenchError):
-    """The two insertions that are to tell what a step costs did not work."""
+class CostProbeError(NeedlebenchError):
+    """The two insertions that measure what a step costs did not succeed."""
 
 
-class Watcher(Protocol):
-    """Who is told how far it is."""
+class ProgressListener(Protocol):
+    """Hears how far a run is."""
 
     def begin(self, stage: Stage) -> None:
         """A stage begins."""
 
     def ended(self, outcome: Outcome, *, fresh: bool) -> None:
-        """An insertion of it is there; `fresh`: it was run now."""
+        """An insertion of it has ended; fresh: it was run now, not read from the folder."""
 
     def say(self, text: str) -> None:
         """Something else happens."""
@@ -54,12 +55,12 @@ def identity(plan: Plan) -> dict[str, Any]:
 
 
 def measured_cost(plan: Plan, crew: Crew) -> StepCost:
-    """CPU seconds of a step, from two insertions at the plan's discretisation. Raises NoCost."""
+    """CPU seconds of a step, from two insertions at the plan's discretisation. Raises CostProbeError."""
     each = {}
     with tempfile.TemporaryDirectory(prefix="needlebench-") as scratch:
         for outcome in crew.run_many(probes(plan.scale), folder=Path(scratch)):
             if "cost" not in outcome.result:
-                raise NoCost(f"{outcome.case.id}: {outcome.result['message']}")
+                raise CostProbeError(f"{outcome.case.id}: {outcome.result['message']}")
             each[outcome.case.id] = outcome.result["cost"]["cpu_s"] / steps(outcome.case)
     return StepCost(ifem_s=each["probe-ifem"], plain_s=each["probe-plain"])
 
@@ -82,7 +83,7 @@ class PaperRun:
     plan: Plan
     folder: PaperFolder
     crew: Crew
-    watcher: Watcher
+    listener: ProgressListener
     train: Callable[[str, int, Dataset], str]
 
     def run(self) -> Findings:
@@ -102,7 +103,7 @@ class PaperRun:
         return self._run(cases, alone=True)
 
     def _run(self, cases: Sequence[Case], *, alone: bool) -> Iterator[Outcome]:
-        """Run what is not in the folder yet, and report everything to the watcher."""
+        """Run what is not in the folder yet, and report everything to the listener."""
         new: set[str] = set()
 
         def fresh(left: Sequence[Case]) -> Iterator[Outcome]:
@@ -110,13 +111,13 @@ class PaperRun:
             with closing(self.crew.run_many(left, alone=alone)) as outcomes:
                 yield from outcomes
 
-        for outcome in self.folder.remembering(fresh)(cases):
-            self.watcher.ended(outcome, fresh=outcome.case.id in new)
+        for outcome in self.folder.cached(fresh)(cases):
+            self.listener.ended(outcome, fresh=outcome.case.id in new)
             yield outcome
 
     def begin(self, stage: Stage) -> None:
         """Announce a stage."""
-        self.watcher.begin(stage)
+        self.listener.begin(stage)
 
     def table(self, case: Case) -> Table:
         """Table I, from the series in the folder."""
@@ -136,23 +137,23 @@ class PaperRun:
         return (self.folder.path / name).exists()
 
     def record(self, outcomes: Sequence[Outcome]) -> dict[str, str]:
-        """Recordings by case id, relative to the folder. Raises NotReproduced for a digest that is not the first."""
+        """Recordings by case id, relative to the folder. Raises NotReproducedError for another digest."""
         names = {outcome.case.id: f"{RECORDINGS}/{outcome.case.id}.rrd" for outcome in outcomes}
         before = {outcome.case.id: outcome.result["digest"] for outcome in outcomes}
         missing = [outcome.case for outcome in outcomes if not (self.folder.path / names[outcome.case.id]).exists()]
-        self.watcher.say(f"recording {len(missing)} of {len(names)} chosen cases again")
+        self.listener.say(f"recording {len(missing)} of {len(names)} chosen cases again")
         if not missing:
             return names
         drafts = self.folder.path / f".{RECORDINGS}"
         shutil.rmtree(drafts, ignore_errors=True)
         drafts.mkdir()
-        with closing(self.crew.run_many(missing, runner=RECORDING, folder=drafts)) as done:
+        with closing(self.crew.run_many(missing, runner=RECORDING_RUNNER, folder=drafts)) as done:
             for outcome in done:
                 name, result = outcome.case.id, outcome.result
                 if result["digest"] != before[name]:
-                    raise NotReproduced(f"{name}: its rerun has the digest {result['digest']}, not {before[name]}")
+                    raise NotReproducedError(f"{name}: its rerun has the digest {result['digest']}, not {before[name]}")
                 if result.get("recording_warning"):
-                    self.watcher.say(f"warning: {name}: {result['recording_warning']}")
+                    self.listener.say(f"warning: {name}: {result['recording_warning']}")
                     del names[name]
                     continue
                 (drafts / f"{name}.rrd").replace(self.folder.path / names[name])

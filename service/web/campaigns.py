@@ -15,7 +15,7 @@ from service.api.context import Service, ServiceOf
 from service.api.routes.campaigns import CampaignId, compare_campaigns
 from service.api.schemas.campaigns import CampaignState, CampaignView, ComparisonRequest
 from service.campaigns.results import outcomes
-from service.store.campaign import CampaignCase, UnknownCampaign
+from service.store.campaign import CampaignCase, UnknownCampaignError
 from service.web.form import paths
 from service.web.site import missing, page
 from simcore.errors import ScenarioError
@@ -70,7 +70,7 @@ def get_campaign(
     """One campaign: progress, scores by controller, its cases in the order that was asked for."""
     try:
         campaign = service.campaigns.get(campaign_id)
-    except UnknownCampaign:
+    except UnknownCampaignError:
         return missing(request, f"campaign {campaign_id}")
     cases = service.campaigns.cases(campaign_id)
     tally = service.campaigns.tally([campaign_id])[campaign_id]
@@ -193,7 +193,7 @@ def _compared(service: Service, body: dict[str, Any]) -> tuple[dict[str, Any] | 
         return found.model_dump(mode="json"), ""
     except ValidationError as error:
         return None, "; ".join(item["msg"] for item in error.errors())
-    except (ScenarioError, UnknownCampaign) as error:
+    except (ScenarioError, UnknownCampaignError) as error:
         return None, str(error)
 
 
@@ -201,6 +201,6 @@ def _arms(service: Service, campaign_id: str) -> list[str]:
     """The controllers of a campaign; none of one that there is not."""
     try:
         cases = service.campaigns.cases(campaign_id) if campaign_id else []
-    except UnknownCampaign:
+    except UnknownCampaignError:
         return []
     return arms(main_rows(rows(outcomes(cases))))

@@ -16,8 +16,8 @@ from service.api.schemas.jobs import ArtefactView, EventView, JobRequest, JobSum
 from service.display import flat
 from service.files.upload_names import UPLOAD_ID
 from service.store.campaign import RUNNING as CAMPAIGN_RUNNING
-from service.store.job import QUEUED, SUCCEEDED, TERMINAL, Job, UnknownJob
-from service.store.models import UnknownModel, packaged
+from service.store.job import QUEUED, SUCCEEDED, TERMINAL, Job, UnknownJobError
+from service.store.models import UnknownModelError, packaged
 from service.web.form import scenario_form
 from service.web.site import missing, page
 from simcore.scenario.presets import preset, preset_names
@@ -99,7 +99,7 @@ def _start(service: Service, start: str | None) -> dict[str, Any] | None:
         return _steered(service, start)
     try:
         scenario: dict[str, Any] | None = (service.store.get(start).spec or {}).get("scenario")
-    except UnknownJob:
+    except UnknownJobError:
         return None
     return scenario and without_derived(scenario)
 
@@ -117,7 +117,7 @@ def _steered(service: Service, model_id: str) -> dict[str, Any] | None:
     """A scenario that steers by a model."""
     try:
         model = service.models.get(model_id)
-    except UnknownModel:
+    except UnknownModelError:
         return None
     return {"controller": {"kind": model.kind, "model": model.reference}}
 
@@ -144,7 +144,7 @@ def get_job(job_id: JobId, request: Request, service: ServiceOf) -> Response:
     """One job: where it is, what it measured, where that comes from, its files and its log."""
     try:
         job = service.store.get(job_id)
-    except UnknownJob:
+    except UnknownJobError:
         return missing(request, f"job {job_id}")
     view = JobView.of(job)
     result = view.result or {}
@@ -161,7 +161,7 @@ def get_job(job_id: JobId, request: Request, service: ServiceOf) -> Response:
         again=job.state in TERMINAL - {SUCCEEDED},
         campaign=service.campaigns.of_jobs([job.id]).get(job.id),
         waits=_waits(service, job) if job.state == QUEUED else "",
-        course=service.engine.course(job),
+        course=service.engine.trace(job),
         cancelling=job.cancel_requested and job.state not in TERMINAL,
         cpu_s=job.cpu_s,
         memory_mb=job.max_rss_mb,

@@ -13,8 +13,8 @@ from service.api.schemas.access import UploadView
 from service.api.schemas.jobs import JobSummary
 from service.api.schemas.models import ModelView
 from service.display import flat
-from service.store.job import UnknownJob
-from service.store.models import UnknownModel
+from service.store.job import UnknownJobError
+from service.store.models import UnknownModelError
 from service.web.jobs import AXES
 from service.web.site import missing, page
 from service.worker.training_job import SETTINGS
@@ -44,7 +44,7 @@ def get_model(model_id: ModelId, request: Request, service: ServiceOf) -> Respon
     """One model: what it is, how it was trained, its errors, who steers by it."""
     try:
         model = service.models.get(model_id)
-    except UnknownModel:
+    except UnknownModelError:
         return missing(request, f"model {model_id}")
     view = ModelView.of(model)
     data = [one for one in service.uploads.newest(limit=ROWS, kind="dataset") if one.sha256 == view.data_sha256]
@@ -64,8 +64,8 @@ def get_model(model_id: ModelId, request: Request, service: ServiceOf) -> Respon
 def _still_there(service: ServiceOf, job_id: str | None) -> str | None:
     """The job, unless it was deleted."""
     try:
-        return None if job_id is None else service.store.glance(job_id).id
-    except UnknownJob:
+        return None if job_id is None else service.store.get_summary(job_id).id
+    except UnknownJobError:
         return None
 
 

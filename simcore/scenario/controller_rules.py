@@ -6,7 +6,6 @@ from typing import Any
 
 from simcore import plugins
 from simcore.errors import Problem
-from simcore.learning import load_model, model_digest
 from simcore.scenario.blocks import StraightTrajectory
 from simcore.scenario.controller_blocks import Controller, Learned, Plugin
 
@@ -18,6 +17,8 @@ def with_model_digest(controller: Controller) -> Controller:
     """A learned controller with the digest of its model, which has been read and checked. Raises ScenarioError."""
     if not isinstance(controller, Learned):
         return controller
+    from simcore.learning import model_digest
+
     found = model_digest(controller.kind, controller.model, controller.model_sha256)
     return controller.model_copy(update={"model_sha256": found})
 
@@ -40,6 +41,8 @@ def training_warnings(controller: Controller, trajectory: StraightTrajectory, co
     """
     if not isinstance(controller, Learned):
         return []
+    from simcore.learning import load_model
+
     assert controller.model_sha256 is not None
     trained = load_model(controller.kind, controller.model, controller.model_sha256).provenance.get("trained_on")
     if not isinstance(trained, dict):

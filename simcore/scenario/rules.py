@@ -25,7 +25,6 @@ from simcore.scenario.blocks import (
 )
 from simcore.scenario.controller_blocks import Controller, FrozenJacobian, InverseFem, Replay, SeparateModel
 from simcore.scenario.controller_rules import plugin_problems
-from simcore.scenario.mesh_rules import fields_of_mesh, path_problems
 from simcore.trajectory import step_count
 
 
@@ -65,6 +64,8 @@ def with_mesh(tissue: Tissue) -> Tissue:
     """The tissue with digest, size and element size of its mesh file."""
     if tissue.mesh_file is None:
         return tissue
+    from simcore.scenario.mesh_rules import fields_of_mesh  # with the mesh kernels: only where there is a mesh file
+
     return tissue.model_copy(update=fields_of_mesh(tissue))
 
 
@@ -160,6 +161,8 @@ def _mesh_path_problems(path: StraightTrajectory, tissue: Tissue) -> list[Proble
     if length < MINIMUM_DEPTH_MM:
         allowed = f"is {length:.3g} mm from trajectory.entry_mm; it must be at least {MINIMUM_DEPTH_MM:g}"
         return [Problem("trajectory.target_mm", list(path.target_mm), allowed)]
+    from simcore.scenario.mesh_rules import path_problems
+
     return _direction_problems(path) or path_problems(tissue, path.path())
 
 

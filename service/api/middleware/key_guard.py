@@ -6,7 +6,6 @@ import math
 import time
 from urllib.parse import quote
 
-from sqlalchemy.exc import OperationalError
 from starlette.concurrency import run_in_threadpool
 from starlette.requests import Request
 from starlette.responses import RedirectResponse, Response
@@ -16,6 +15,7 @@ from service.access import ADMIN, READ, SAFE_METHODS, Caller, refusal, scope_of
 from service.api.middleware.guard import same_origin
 from service.api.middleware.rate_limit import Rate
 from service.api.problems import database_refusal, problem_response
+from service.store.errors import OperationalError
 from service.store.keys import Keys
 
 COOKIE = "needlebench_session"

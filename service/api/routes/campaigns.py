@@ -83,7 +83,7 @@ def create_campaign(
             first=[job.case_id for job in planned.jobs[:10]],
         )
     campaign = service.campaigns.create(planned)
-    service.engine.poke()
+    service.engine.wake()
     response.headers["Location"] = f"/api/v1/campaigns/{campaign.id}"
     return _view(service, campaign)
 

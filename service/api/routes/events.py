@@ -60,7 +60,7 @@ async def get_job_events(
 
     As a stream it ends after the event that ends the job. Progress comes at most twice a second and has no id.
     """
-    job = await run_in_threadpool(service.store.glance, job_id)
+    job = await run_in_threadpool(service.store.get_summary, job_id)
     known = int(last_event_id) if last_event_id is not None else after or 0
     if not _streams(accept):
         return await _listed(service, job_id, known)
@@ -147,7 +147,7 @@ def _news(service: Service, job_id: str | None, after: int) -> tuple[list[Event]
     if job_id is None:
         running = service.store.newest(state=RUNNING)
     else:
-        running = [job for job in service.store.having(job_id) if job.state == RUNNING]
+        running = [job for job in service.store.find(job_id) if job.state == RUNNING]
     return service.store.events(job_id, after=after, limit=_BATCH), running
 
 

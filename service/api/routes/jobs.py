@@ -11,9 +11,10 @@ from fastapi import APIRouter, Header, Query, Request, Response, status
 
 from service.admission.cost import Cost, check_cost, time_limit_s
 from service.api.context import JobId, Service, ServiceOf, documented, matches
-from service.api.idempotency import IdempotencyKey, content_hash, own_key
+from service.api.idempotency import IdempotencyKey, own_key
 from service.api.job_view_cache import Status
 from service.api.schemas.jobs import JobPage, JobRequest, JobSummary, JobView, State
+from service.store.job import content_hash
 from simcore.file_names import names_mean
 from simcore.scenario.presets import preset
 from simcore.scenario.scenario import Scenario
@@ -56,7 +57,7 @@ def submit_job(
         owner=owner,
         uploads=sorted(uploads),
     )
-    service.engine.poke()
+    service.engine.wake()
     headers = {"Location": f"/api/v1/jobs/{job.id}"}
     return Response(Status.of(job).body, status.HTTP_202_ACCEPTED, headers, media_type="application/json")
 
@@ -155,7 +156,7 @@ def retry_job(job_id: JobId, service: ServiceOf) -> JobView:
     """Queue a job again that failed, was cancelled or ran out of time; its log goes on, its attempts count on."""
     service.refuse_when_closing()
     job = service.store.retry(job_id)
-    service.engine.poke()
+    service.engine.wake()
     return JobView.of(job)
 
 
@@ -179,7 +180,7 @@ def pin_job(job_id: JobId, service: ServiceOf) -> JobView:
 )
 def unpin_job(job_id: JobId, service: ServiceOf, request: Request) -> None:
     """It may be cleared away again. Once more is no error. Another key's needs the scope admin."""
-    request.state.caller.must_own(service.store.glance(job_id).owner, f"job {job_id}")
+    request.state.caller.must_own(service.store.get_summary(job_id).owner, f"job {job_id}")
     service.store.pin(job_id, pinned=False)
 
 
@@ -192,6 +193,6 @@ def unpin_job(job_id: JobId, service: ServiceOf, request: Request) -> None:
 )
 def delete_job(job_id: JobId, service: ServiceOf, request: Request) -> None:
     """Forget the job, with its result, series and recording. Another key's needs the scope admin."""
-    request.state.caller.must_own(service.store.glance(job_id).owner, f"job {job_id}")
+    request.state.caller.must_own(service.store.get_summary(job_id).owner, f"job {job_id}")
     service.store.delete(job_id)
     shutil.rmtree(service.settings.jobs / job_id, ignore_errors=True)

@@ -9,13 +9,13 @@ from starlette.responses import FileResponse
 
 from service.admission.training_request import TrainRequest, check_training
 from service.api.context import ServiceOf, documented
-from service.api.idempotency import IdempotencyKey, content_hash, own_key
+from service.api.idempotency import IdempotencyKey, own_key
 from service.api.problems import HttpProblem
 from service.api.routes.jobs import LOCATION
 from service.api.schemas.jobs import JobSummary, JobView
 from service.api.schemas.models import ControllerInfo, ControllerList, ModelDetail, ModelList, ModelView
 from service.files.upload_names import SCHEME
-from service.store.job import TRAINING
+from service.store.job import TRAINING, content_hash
 from service.store.models import MODEL_ID
 from service.store.uploads import Upload
 from service.worker.training_job import STAGES
@@ -75,7 +75,7 @@ def train_model(
         owner=owner,
         uploads=[data.id],
     )
-    service.engine.poke()
+    service.engine.wake()
     response.headers["Location"] = f"/api/v1/jobs/{job.id}"
     return JobView.of(job)
 

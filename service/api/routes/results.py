@@ -80,7 +80,7 @@ def get_series(
     accept: Annotated[str | None, Header()] = None,
 ) -> Response:
     """As JSON or CSV the arrays with one row a step; as npz the whole file, tissue frames included."""
-    _finished(service.store.glance(job_id))
+    _finished(service.store.get_summary(job_id))
     artefact = _artefact(service, job_id, "series.npz")
     path = _path(service, artefact)
     wanted = format or _accepted(accept)
@@ -113,7 +113,7 @@ def _accepted(accept: str | None) -> str:
 )
 def list_artefacts(job_id: JobId, service: ServiceOf) -> ArtefactList:
     """Name, size and SHA-256 of each."""
-    service.store.glance(job_id)
+    service.store.get_summary(job_id)
     return ArtefactList(items=[ArtefactView.of(job_id, item) for item in service.store.artefacts(job_id)])
 
 
@@ -127,7 +127,7 @@ def list_artefacts(job_id: JobId, service: ServiceOf) -> ArtefactList:
 )
 def get_artefact(job_id: JobId, name: str, service: ServiceOf) -> Response:
     """The file as the job wrote it; only names in the list of artefacts are known."""
-    service.store.glance(job_id)
+    service.store.get_summary(job_id)
     artefact = _artefact(service, job_id, name)
     media_type = "application/json" if artefact.name.endswith(".json") else "application/octet-stream"
     path = _path(service, artefact)
@@ -148,7 +148,7 @@ def get_log(
     attempt: Annotated[int | None, Query(ge=1, le=10**6, description="Default: the last one.")] = None,
 ) -> Response:
     """The lines that an attempt has logged, warned and printed so far; of a long log the last megabyte."""
-    job = service.store.glance(job_id)
+    job = service.store.get_summary(job_id)
     wanted = replace(job, attempt=attempt or job.attempt)
     try:
         with (service.settings.data / wanted.folder / LOG).open("rb") as file:

@@ -107,7 +107,7 @@ def trigger_schedule(schedule_id: ScheduleId, service: ServiceOf) -> ScheduleRun
     """As if its time had come; its overlap rule holds."""
     service.refuse_when_closing()
     run = service.schedules.trigger(schedule_id, service.planner.of_stored)
-    service.engine.poke()
+    service.engine.wake()
     return ScheduleRunView.of(run)
 
 

@@ -7,7 +7,7 @@ from typing import Annotated, Any, Literal, Self
 
 from pydantic import BaseModel, ConfigDict, Field, WithJsonSchema, field_validator
 
-from service.store.job import INSERTION, SUCCEEDED, TRAINING, Artefact, Event, Job
+from service.store.job import INSERTION, SUCCEEDED, TIME_LIMIT, TRAINING, Artefact, Event, Job, TimeLimit
 
 State = Literal["queued", "running", "succeeded", "failed", "cancelled", "timed_out"]
 
@@ -21,9 +21,6 @@ ScenarioInput = Annotated[
         }
     ),
 ]
-
-TimeLimit = Annotated[float, Field(strict=True, ge=1, le=86400, allow_inf_nan=False)]
-TIME_LIMIT = "Most wall time of an attempt; null = an hour, or four times the estimate if that is longer."
 
 
 class JobRequest(BaseModel):

@@ -9,7 +9,7 @@ import pytest
 
 from service.admission.cost import Cost, check_cost, cost_of, time_limit_s
 from service.admission.cost import _size_of as size_of
-from service.limits import Limits
+from service.settings import Limits
 from simcore.errors import ScenarioError
 from simcore.scenario.build import tissue_model
 from simcore.scenario.presets import preset

@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from starlette.testclient import TestClient
 
 from service.api.problems import shown
-from service.limits import Limits
+from service.settings import Limits
 from tests.service.http import idle_service
 
 JOBS = "/api/v1/jobs"

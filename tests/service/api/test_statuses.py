@@ -16,7 +16,7 @@ from hypothesis import strategies as st
 from service.api.context import Service
 from service.api.job_view_cache import Status, Statuses
 from service.settings import Settings
-from service.store.job import IllegalTransition, Job, Outcome, UnknownJob
+from service.store.job import IllegalTransitionError, Job, Outcome, UnknownJobError
 from service.store.jobs import Store
 from tests.service.http import idle_service
 
@@ -31,14 +31,14 @@ def submit(store: Store) -> Job:
 def now(statuses: Statuses, job_id: str) -> Status | None:
     try:
         return asyncio.run(statuses.of(job_id))
-    except UnknownJob:
+    except UnknownJobError:
         return None
 
 
 def stored(store: Store, job_id: str) -> Status | None:
     try:
         return Status.of(store.get(job_id))
-    except UnknownJob:
+    except UnknownJobError:
         return None
 
 
@@ -58,7 +58,7 @@ def change(service: Service, what: str, job: Job) -> None:
         "cancel": lambda: store.cancel(job.id),
         "delete": lambda: store.delete(job.id),
     }
-    with suppress(IllegalTransition):
+    with suppress(IllegalTransitionError):
         changes[what]()
 
 

@@ -20,7 +20,7 @@ from benchmarks.learning.training_insertions import Insertion, training_insertio
 from service.cli import learning as cli_learn
 from service.cli.main import main
 from service.local import dataset_runs as local_many
-from service.local.dataset_runs import Kept
+from service.local.dataset_runs import InsertionCache
 from simcore.learning import parse_model
 from simcore.mesh.reader import load_mesh
 from simcore.rollout.dataset import VARIABLES, load_dataset
@@ -41,10 +41,10 @@ def table(seed: int) -> dict[str, np.ndarray]:
 def quick(monkeypatch: pytest.MonkeyPatch) -> None:
     """Insertions without a simulation."""
 
-    def insertions(these: Sequence[Case], *, workers: int, kept: Kept) -> Iterator[Insertion]:
+    def insertions(these: Sequence[Case], *, workers: int, cache: InsertionCache) -> Iterator[Insertion]:
         for case in these:
             done = Insertion(case, table(case.scenario["seed"]), "completed", "digest")
-            kept.keep(done)
+            cache.keep(done)
             yield done
 
     monkeypatch.setattr(local_many, "insertions", insertions)
@@ -84,7 +84,7 @@ def test_fewer_steps_than_samples_are_said(tmp_path: Path) -> None:
 
 
 def test_what_was_kept_is_found_again_and_only_that(tmp_path: Path) -> None:
-    kept = Kept(tmp_path / "parts")
+    kept = InsertionCache(tmp_path / "parts")
     one, two = training_insertions(insertions=2, seed=0)
     kept.keep(Insertion(one, table(1), "completed", "abc"))
     again = kept.find(one)

@@ -24,7 +24,7 @@ from service.recording import observer as recording
 from service.recording.entities import BLOCK_STEPS, FORCE_ARROW_M_PER_N, PLOTS, Moment, displacement_colors
 from service.recording.layout import DISPLACEMENT_SCALE_M
 from service.recording.observer import RerunObserver, optimize
-from service.worker.attempt import Together
+from service.worker.attempt import ObserverGroup
 from simcore.arrays import Floats
 from simcore.rollout.records import Scene, StepRecord
 from simcore.scenario.scenario import Scenario
@@ -102,7 +102,7 @@ def kept(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Keeper]:
     """One recorded run, and what it emitted."""
     path, keeper = tmp_path_factory.mktemp("recorded") / "recording.rrd", Keeper()
     with RerunObserver(path, recording_id="kept", provenance={"commit": "abc1234", "job_id": "j"}) as recorder:
-        FakeRun(short()).run(Together((recorder, keeper)))
+        FakeRun(short()).run(ObserverGroup((recorder, keeper)))
     assert recorder.warning is None
     return path, keeper
 
@@ -303,9 +303,9 @@ class Killer:
         if record.step == 220:
             os.kill(os.getpid(), getattr(signal, sys.argv[2]))
 
-from service.worker.attempt import Together
+from service.worker.attempt import ObserverGroup
 with RerunObserver(Path(sys.argv[1]), recording_id="killed", clock=lambda: 0.0) as recorder:
-    FakeRun(short()).run(Together((recorder, Killer())))
+    FakeRun(short()).run(ObserverGroup((recorder, Killer())))
 """
 
 
@@ -337,14 +337,14 @@ def test_the_file_grows_while_the_run_goes_on(tmp_path: Path) -> None:
                 seen.extend(recorded(copied, "world/tip", "Points3D:positions"))
 
     with RerunObserver(path, recording_id="grows", clock=lambda: 0.0) as recorder:
-        FakeRun(short()).run(Together((recorder, Watcher())))
+        FakeRun(short()).run(ObserverGroup((recorder, Watcher())))
     assert seen == list(range(2 * BLOCK_STEPS))
 
 
 def test_a_place_that_cannot_be_written_is_a_warning(tmp_path: Path) -> None:
     keeper = Keeper()
     with RerunObserver(tmp_path / "missing" / "recording.rrd", recording_id="w") as recorder:
-        FakeRun(short()).run(Together((recorder, keeper)))
+        FakeRun(short()).run(ObserverGroup((recorder, keeper)))
     assert recorder.warning is not None
     assert "FileNotFoundError" in recorder.warning
     assert len(keeper.records) == STEPS + 1

@@ -14,11 +14,11 @@ from starlette.testclient import TestClient
 from service.api.context import Service
 from service.api.middleware.rate_limit import Rate
 from service.api_key import digest_of, id_of, keys_exist, new_key
-from service.limits import Limits
-from service.settings import Settings, SettingsError
+from service.environment import SettingsError
+from service.settings import Limits, Settings
 from service.store.database import open_database
 from service.store.jobs import Store
-from service.store.keys import ENVIRONMENT, Keys, UnknownKey
+from service.store.keys import ENVIRONMENT, Keys, UnknownKeyError
 from simcore.errors import ScenarioError
 from tests.service.http import idle_service
 from tests.service.learned import model_bytes
@@ -165,7 +165,7 @@ def test_a_key_of_a_wrong_scope_or_note_is_refused(both: tuple[TestClient, Servi
     for wrong in ({"scope": "root"}, {"scope": "read", "note": "x" * 201}, {"scope": "read", "note": "a\nb"}):
         with pytest.raises(ScenarioError):
             both[1].keys.create(**wrong)
-    with pytest.raises(UnknownKey):
+    with pytest.raises(UnknownKeyError):
         both[1].keys.revoke("unknown")
 
 
@@ -188,7 +188,7 @@ def test_an_open_address_is_accepted_once_there_is_a_key(tmp_path: Path) -> None
         service.keys.revoke(made.id)
         assert http.get(JOBS).status_code == 401, "an open address never serves without a key"
     with pytest.raises(SettingsError, match="needlebench key create"):
-        Settings(data=tmp_path, host="0.0.0.0")
+        Settings(data=tmp_path, host="0.0.0.0").check_exposure()
     store.close()
 
 

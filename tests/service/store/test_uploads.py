@@ -17,7 +17,7 @@ from starlette.testclient import TestClient
 
 from service.admission.upload_check import BadUpload, look_into
 from service.api.context import Service
-from service.limits import Limits
+from service.settings import Limits
 from tests.service.http import finish, idle_service
 from tests.service.learned import dataset_bytes, model_bytes
 from tests.simcore.mesh.test_mesh_file import write_box

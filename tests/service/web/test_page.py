@@ -15,7 +15,7 @@ from starlette.testclient import TestClient
 
 from service.api.context import Service
 from service.recording import web_viewer as viewer_files
-from service.store import tables
+from service.store import schema
 from service.store.job import Outcome
 from service.web import assets
 from service.web import formatting as words
@@ -136,7 +136,7 @@ def _failed(http: TestClient, service: Service) -> str:
     assert job.id == made
     service.store.finish(job, Outcome(state="failed", error_kind="exception", error=HOSTILE))
     with service.store.writing() as connection:
-        connection.execute(update(tables.job).where(tables.job.c.id == made).values(name=HOSTILE))
+        connection.execute(update(schema.job).where(schema.job.c.id == made).values(name=HOSTILE))
     return made
 
 

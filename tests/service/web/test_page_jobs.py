@@ -13,7 +13,7 @@ import pytest
 from starlette.testclient import TestClient
 
 from service.api.context import Service
-from service.engine.attempt_trace import MOST_POINTS, Course
+from service.engine.attempt_trace import MOST_POINTS, AttemptTrace
 from tests.service.http import finish, idle_service
 
 BROWSER = {"Accept": "text/html,application/xhtml+xml"}
@@ -64,28 +64,28 @@ def test_a_page_that_is_opened_in_the_middle_gets_the_way_so_far(pages: tuple[Te
     made = submit(http)
     job = service.store.claim()
     assert job is not None
-    course = Course()
-    service.engine._slots[0].course = course
-    course.add(job, {"depth_mm": 1.0, "tip_error_mm": 0.25, "cross_track_mm": None, "insertion_force_n": 0.5})
-    course.add(job, {"step": 3})  # a training tells no depth
+    trace = AttemptTrace()
+    service.engine._slots[0].trace = trace
+    trace.add(job, {"depth_mm": 1.0, "tip_error_mm": 0.25, "cross_track_mm": None, "insertion_force_n": 0.5})
+    trace.add(job, {"step": 3})  # a training tells no depth
     text = http.get(f"/jobs/{made}").text
     (told,) = [part.split('"')[0] for part in text.split('data-course="')[1:]]
     assert json.loads(unescape(told)) == [[1.0, 0.25, None, 0.5]]
 
 
 def test_a_course_is_of_one_attempt_and_never_long() -> None:
-    course = Course()
+    trace = AttemptTrace()
     first, second = (SimpleNamespace(id="a", attempt=number) for number in (1, 2))
     for depth in range(3 * MOST_POINTS):
-        course.add(first, {"depth_mm": float(depth), "tip_error_mm": 0.0})  # type: ignore[arg-type]
-    points = course.of(first)  # type: ignore[arg-type]
+        trace.add(first, {"depth_mm": float(depth), "tip_error_mm": 0.0})  # type: ignore[arg-type]
+    points = trace.points_of(first)  # type: ignore[arg-type]
     assert MOST_POINTS / 2 <= len(points) <= MOST_POINTS
     depths = [point.depth_mm for point in points]
     assert depths == sorted(depths)
     assert (depths[0], depths[-1]) == (0.0, 3 * MOST_POINTS - 1)
-    course.add(second, {"depth_mm": 0.5, "tip_error_mm": 0.0})  # type: ignore[arg-type]
-    assert course.of(first) == ()  # type: ignore[arg-type]
-    assert len(course.of(second)) == 1  # type: ignore[arg-type]
+    trace.add(second, {"depth_mm": 0.5, "tip_error_mm": 0.0})  # type: ignore[arg-type]
+    assert trace.points_of(first) == ()  # type: ignore[arg-type]
+    assert len(trace.points_of(second)) == 1  # type: ignore[arg-type]
 
 
 @pytest.mark.parametrize(

@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 
 from benchmarks.cases import Case, Outcome
-from service.worker.crew import CRASHED, Crew
+from service.worker.crew import CRASHED, Crew, CrewStartError
 from simcore.metrics import MEASURED
 from tests.acceptance.server import alive, until
 
@@ -84,6 +84,27 @@ def test_nobody_is_left_behind(tmp_path: Path) -> None:
         pid = outcome.result["pid"]
         assert alive(pid)
     until(lambda: not alive(pid))
+
+
+@linux
+def test_batches_are_done_one_by_each_worker_with_one_attempt_a_case(tmp_path: Path) -> None:
+    with Crew(2, folder=tmp_path, files=tmp_path, runner=RUNNER) as crew:
+        crew.start()
+        first, second = cases("ok", "ok"), [Case("2-dies-once", {"name": "dies-once"}, {})]
+        outcomes = {outcome.case.id: outcome.result for outcome in crew.run_batches([first, second])}
+        assert outcomes["0-ok"]["pid"] == outcomes["1-ok"]["pid"]
+        assert outcomes["2-dies-once"]["status"] == CRASHED
+        assert "signal 9, attempt 1" in outcomes["2-dies-once"]["message"].replace("(", "").replace(")", "")
+        assert (tmp_path / "0-ok" / "0-ok.attempts").read_text() == "1"
+        with pytest.raises(ValueError, match="1 batches for 2 workers"):
+            crew.run_batches([first])
+
+
+@linux
+def test_a_crew_whose_workers_never_get_ready_says_so(tmp_path: Path) -> None:
+    with Crew(1, folder=tmp_path, files=tmp_path, runner="tests.service.dead_runner:insertion") as crew:
+        with pytest.raises(CrewStartError, match="could not be started in 3 attempts: its worker process died"):
+            crew.start()
 
 
 def test_no_cases_start_no_process(tmp_path: Path) -> None:
