@@ -1,1 +1,1 @@
-"""What campaigns amount to: results, comparisons, trends and reports."""
+"""What can be asked about campaigns: how they go, what their cases measured, comparisons, trends, reports."""

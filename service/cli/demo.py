@@ -1,4 +1,4 @@
-"""From nothing to a recording: a service of its own, one job over HTTP, its progress, its result."""
+"""From nothing to a recording: starts a service, runs one job over HTTP, shows progress and result."""
 
 from __future__ import annotations
 
@@ -29,19 +29,19 @@ def run_demo(*, data: Path | None, port: int | None, keep: bool | None) -> int:
     stay = keep if keep is not None else sys.stdout.isatty() and not os.environ.get("CI")
     click.echo(
         "A flexible needle is steered 122 mm deep through deforming tissue by an inverse finite element controller.\n"
-        "This starts a service in a process of its own, submits the scenario `demo` to it over HTTP, follows the\n"
+        "This starts a service in its own process, submits the scenario `demo` to it over HTTP, follows the\n"
         f"run and keeps its result and recording in {settings.data}\n"
     )
     with running_service(settings) as (url, process), Client(url, settings.api_key) as client:
         click.echo(f"service: {url}")
-        job = _followed(client)
+        job = _run_job(client)
         _report(job, settings.data)
         if stay:
             _stay(url, process)
     return exit_code(job)
 
 
-def _followed(client: Client) -> JobStatus:
+def _run_job(client: Client) -> JobStatus:
     """The demo job when it has ended; Ctrl-C cancels it, else the next service on the folder would run it."""
     job = client.submit(SCENARIO)
     try:
@@ -66,7 +66,7 @@ def _stay(url: str, process: subprocess.Popen[str] | None) -> None:
     if process is None:
         return
     try:
-        click.echo("Ctrl-C ends the service; everything is kept.")
+        click.echo("Ctrl-C ends the service; its data are kept.")
         process.wait()
         click.echo("the service has ended", err=True)
     except KeyboardInterrupt:

@@ -1,4 +1,4 @@
-"""Errors that a part of the framework answers in plain text become problem+json too. A plain ASGI layer."""
+"""Errors that the framework answers in plain text become problem+json too. A plain ASGI layer."""
 
 from __future__ import annotations
 
@@ -11,15 +11,17 @@ _KEPT = ("content-range",)  # of a 416: how long the file is
 _NO_SUCH_RANGE = "the Range header asks for bytes that the file does not have"
 
 
-class PlainErrors:
-    """Puts errors of type text/plain, such as those about a Range header, into the one shape of errors."""
+class PlainTextErrors:
+    """Turns errors of type text/plain, such as those about a Range header, into problem+json."""
 
     def __init__(self, app: ASGIApp) -> None:
         self._app = app
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
+        """Handle one request (ASGI)."""
         if scope["type"] != "http":
-            return await self._app(scope, receive, send)
+            await self._app(scope, receive, send)
+            return
         refused: Message | None = None
         text = b""
 

@@ -1,4 +1,4 @@
-// The list of campaigns, and the form of a new one: a dry run first, then the start.
+// The list of campaigns, and the form of a new one: a dry run first, then start.
 import { unmark } from "./app.js";
 import { refresh, span } from "./live.js";
 import { campaignFields, campaignOf, post } from "./request.js";
@@ -6,7 +6,7 @@ import { campaignFields, campaignOf, post } from "./request.js";
 const form = document.getElementById("campaign");
 const start = document.getElementById("start");
 const plan = document.getElementById("plan");
-let checked = null; // the request of the dry run
+let checked = null; // the request of the last dry run
 
 campaignFields(form);
 
@@ -22,7 +22,7 @@ form.addEventListener("submit", async (event) => {
   start.disabled = false;
   start.textContent = `Start ${found.jobs} ${found.jobs === 1 ? "job" : "jobs"}`;
   const jobs = found.jobs === 1 ? "1 job" : `${found.jobs.toLocaleString("en")} jobs`;
-  const text = `${found.name}: ${jobs}, ${found.steps.toLocaleString("en")} steps, about ${span(found.seconds)} when nothing else runs. First cases: ${found.first.slice(0, 5).join(", ")}.`;
+  const text = `${found.name}: ${jobs}, ${found.steps.toLocaleString("en")} steps, about ${span(found.seconds)} if nothing else runs. First cases: ${found.first.slice(0, 5).join(", ")}.`;
   plan.append(Object.assign(document.createElement("p"), { className: "notice good", textContent: text }));
   start.focus();
   plan.scrollIntoView({ block: "nearest" });

@@ -1,4 +1,4 @@
-// Schedules: the form of a new one; the list is read anew after every change.
+// Schedules: the form of a new one; the list is refreshed after every change.
 import { tell, unmark } from "./app.js";
 import { refresh } from "./live.js";
 import { campaignFields, campaignOf, post } from "./request.js";
@@ -14,7 +14,7 @@ form.addEventListener("submit", async (event) => {
   for (const name of ["name", "cron", "timezone", "catchup", "overlap"]) body[name] = form.querySelector(`[data-field="${name}"]`).value.trim();
   const made = await post(form, "/api/v1/schedules", body, "campaign.");
   if (!made) return;
-  tell(`The schedule ${made.name} runs next at ${made.next_run_at.slice(0, 16).replace("T", " ")} UTC.`, { kind: "good" });
+  tell(`The schedule ${made.name} next runs at ${made.next_run_at.slice(0, 16).replace("T", " ")} UTC.`, { kind: "good" });
   form.querySelector("#name").value = "";
   refresh();
 });

@@ -1,4 +1,4 @@
-// The form of a scenario: what was changed becomes JSON; a drawing and an estimate follow it.
+// The form of a scenario: changed fields become JSON; a drawing and an estimate follow.
 import { mark, quiet, send, unmark } from "./app.js";
 import { curve, drawing, length } from "./draw.js";
 import { span } from "./live.js";
@@ -13,7 +13,7 @@ const inputs = (field) => [...field.querySelectorAll("input, select, textarea")]
 const same = (a, b) => JSON.stringify(a) === JSON.stringify(b);
 const sorted = (list) => [...(list ?? [])].sort();
 
-/** What a field says now; undefined where it is as it was. */
+/** The value of a field; undefined if it is the default. */
 function value(field) {
   const { entry } = field.dataset;
   const standard = JSON.parse(field.dataset.default);
@@ -64,7 +64,7 @@ function fill(data) {
   update();
 }
 
-/** Fields of other kinds of a block are out: hidden, and never sent. */
+/** Fields of other kinds of a block are hidden and never sent. */
 function settle() {
   for (const part of form.querySelectorAll("[data-kinds]")) {
     const block = (part.dataset.path ?? part.dataset.group).split(".").slice(0, -1).join(".");
@@ -103,7 +103,7 @@ function needKind(holder, name, path) {
   for (const inner of Object.keys(block)) needKind(holder[name], inner, `${path}.${inner}`);
 }
 
-/** What counts for a field: typed, else the default. */
+/** The effective value of a field: typed, else the default. */
 function now(path) {
   const field = fields.find((one) => one.dataset.path === path && counts(one));
   return field && (value(field) ?? JSON.parse(field.dataset.default));
@@ -113,7 +113,7 @@ function update() {
   settle();
   const data = body();
   const text = JSON.stringify(data, null, 2).replace(/\[[^[\]{}]*\]/g, (list) => list.replace(/\s+/g, " "));
-  document.getElementById("json").textContent = text.length > MOST_SHOWN ? `${text.slice(0, MOST_SHOWN)}\n… ${text.length} characters in all` : text;
+  document.getElementById("json").textContent = text.length > MOST_SHOWN ? `${text.slice(0, MOST_SHOWN)}\n… ${text.length} characters in total` : text;
   for (const group of form.querySelectorAll("details[data-group]")) {
     const count = [...group.querySelectorAll(".changed")].filter(counts).length;
     group.querySelector("[data-count]").textContent = count ? `${count} set` : "";
@@ -132,7 +132,7 @@ function picture() {
   const poses = now("controller.poses");
   const steps = Array.isArray(poses) ? poses.length : Math.ceil(length(points) / (now("trajectory.speed_mm_s") * now("dt_s")) - 1e-9);
   const cells = size.map((v) => Math.max(1, Math.round(v / now("tissue.element_size_mm")))).reduce((a, b) => a * b, 1);
-  const pace = form.dataset.measured === "true" ? "at the pace of the last jobs" : "at a usual pace";
+  const pace = form.dataset.measured === "true" ? "at the pace of recent jobs" : "at a typical pace";
   const mesh = now("tissue.mesh_file") ? "a mesh from a file" : `${cells.toLocaleString("en")} cells`;
   document.getElementById("estimate").textContent = Number.isFinite(steps) ? `${length(points).toFixed(1)} mm, ${steps.toLocaleString("en")} steps, ${mesh}; about ${span(steps * Number(form.dataset.step))} ${pace}.` : "";
 }

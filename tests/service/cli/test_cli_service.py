@@ -58,7 +58,7 @@ def test_listing_keys_makes_no_data_folder(tmp_path: Path) -> None:
     for words in (["key", "list"], ["key", "revoke", "ab"]):
         done = needlebench(*words, "--data", str(tmp_path / "nothing"))
         assert done.exit_code == 2
-        assert "is no data folder of a service" in done.stderr
+        assert "is not a service's data folder" in done.stderr
     assert not (tmp_path / "nothing").exists()
 
 
