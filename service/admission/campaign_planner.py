@@ -21,7 +21,7 @@ from simcore.file_names import names_mean
 from simcore.scenario.presets import start
 from simcore.scenario.scenario import Scenario
 
-LOW_PRIORITY = -10  # single jobs, which somebody waits for, go first
+LOW_PRIORITY = -10  # single jobs, which people wait for, go first
 
 
 class CampaignRequest(BaseModel):

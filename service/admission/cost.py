@@ -30,7 +30,7 @@ BYTES_PER_NODE = 5000  # of arrays by node and by tetrahedron
 BYTES_PER_STEP = 1500
 LEAST_LIMIT_S, MOST_LIMIT_S = 3600.0, 86400.0  # default limits of an attempt
 PATIENCE = 4.0  # estimates that a job may take: they are rough, and machines differ
-FRAME_BYTES_PER_NODE = 48  # positions in a recorded frame, and once more while the series is put together
+FRAME_BYTES_PER_NODE = 48  # positions in a recorded frame, twice: the series is assembled from them
 
 
 @dataclass(frozen=True, kw_only=True)

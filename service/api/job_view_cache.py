@@ -11,7 +11,7 @@ from service.api.schemas.jobs import JobView
 from service.store.job import Job
 from service.store.job_queries import Reads
 
-_MOST = 500  # jobs that are remembered, about 6 kB each
+_MOST = 500  # jobs in memory, about 6 kB each
 
 
 @dataclass(frozen=True, slots=True)
@@ -29,17 +29,17 @@ class EncodedJob:
 
 
 class JobViewCache:
-    """The last status of each job that somebody asked for. `forget` must hear of every change, once it can be read."""
+    """The JSON of the jobs requested last. `forget` must be called for every change, once it can be read."""
 
     def __init__(self, store: Reads, *, most: int = _MOST) -> None:
         self._store = store
         self._most = most
         self._lock = threading.Lock()
-        self._known: dict[str, EncodedJob] = {}  # the one asked for longest ago first
+        self._known: dict[str, EncodedJob] = {}  # least recently requested first
         self._changes = 0
 
     async def of(self, job_id: str) -> EncodedJob:
-        """The job now; a thread and the database are asked only for one that is not known. Raises UnknownJob."""
+        """The job now; only an unknown one takes a thread and the database. Raises UnknownJob."""
         with self._lock:
             if (known := self._known.pop(job_id, None)) is not None:
                 self._known[job_id] = known
@@ -50,7 +50,7 @@ class JobViewCache:
         before = self._changes
         status = EncodedJob.of(self._store.get(job_id))
         with self._lock:
-            if self._changes == before:  # else what was read may be old by now
+            if self._changes == before:  # else what was read may be out of date
                 self._known[job_id] = status
                 if len(self._known) > self._most:
                     del self._known[next(iter(self._known))]

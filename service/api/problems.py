@@ -46,7 +46,7 @@ _STATUS: dict[type[Exception], int] = {  # of errors whose own message is the de
 
 
 class HttpError(Exception):
-    """An error response that a route asks for; `errors` names each wrong field, its value and the allowed range."""
+    """An error response, raised by a route; `errors` names each wrong field, its value and the allowed range."""
 
     def __init__(
         self,

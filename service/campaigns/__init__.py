@@ -1,1 +1,1 @@
-"""What can be asked about campaigns: how they go, what their cases measured, comparisons, trends, reports."""
+"""Use cases of campaigns: progress, results of the cases, comparisons, trends, reports."""

@@ -38,7 +38,7 @@ class SuiteTrend:
 
 
 def trend(campaigns: CampaignStore, suite: str) -> SuiteTrend:
-    """The history of a suite; without runs if none of its campaigns has ended. Points that are missing are made."""
+    """The history of a suite; without runs if none of its campaigns has ended. Missing points are computed."""
     ended = [
         (campaign, kept_point(campaigns, campaign) if kept is None else point_of(kept))
         for campaign, kept in campaigns.points(suite, limit=MOST_POINTS)
@@ -50,9 +50,9 @@ def trend(campaigns: CampaignStore, suite: str) -> SuiteTrend:
 
 def kept_point(campaigns: CampaignStore, campaign: Campaign) -> Point:
     """The point of a campaign that has ended, which is stored too."""
-    made = point(campaign, outcomes(campaigns.cases(campaign.id)))
-    campaigns.keep_point(campaign.id, point_json(made))
-    return made
+    computed = point(campaign, outcomes(campaigns.cases(campaign.id)))
+    campaigns.keep_point(campaign.id, point_json(computed))
+    return computed
 
 
 def point(campaign: Campaign, results: Sequence[Outcome]) -> Point:

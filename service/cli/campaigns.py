@@ -58,12 +58,12 @@ def suites(url: str | None) -> None:
     """
     if url is not None:
         with service_client(url) as client:
-            found = client.suites()
+            titles = client.suites()
     else:
         from benchmarks.paper.suites import suite_names
 
-        found = suite_names()
-    for name, title in found.items():
+        titles = suite_names()
+    for name, title in titles.items():
         click.echo(f"{name:<24}{title}")
 
 
@@ -252,15 +252,15 @@ def compare(campaigns: tuple[str, ...], controllers: tuple[str, str] | None, as_
     Two controllers:          needlebench campaign compare CAMPAIGN --controllers ifem elm
     """
     with service_client(url) as client:
-        found = client.compare(campaigns, controllers)
+        comparison = client.compare(campaigns, controllers)
     if as_json:
-        click.echo(json.dumps(found, indent=2))
+        click.echo(json.dumps(comparison, indent=2))
         return
-    if found["shared_cases"] is not None:
-        click.echo(f"{found['same_digests']} of {found['shared_cases']} shared cases have the same digest")
-    if not found["comparisons"]:
+    if comparison["shared_cases"] is not None:
+        click.echo(f"{comparison['same_digests']} of {comparison['shared_cases']} shared cases have the same digest")
+    if not comparison["comparisons"]:
         click.echo("they have no paths in common")
-    for one in found["comparisons"]:
+    for one in comparison["comparisons"]:
         low, high = one["difference_interval_mm"]
         interval = "" if low is None or high is None else f" [{low:+.4f}, {high:+.4f}]"
         difference = "failed" if one["difference_mm"] is None else f"{one['difference_mm']:+.4f} mm"

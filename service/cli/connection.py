@@ -68,5 +68,5 @@ def report_submitted(client: Client, job: JobStatus, *, wait: bool) -> JobStatus
     try:
         return follow(client, job)
     except KeyboardInterrupt:
-        click.echo(f"the job goes on; to stop it: needlebench cancel {job.id}", err=True)
+        click.echo(f"the job continues; to stop it: needlebench cancel {job.id}", err=True)
         raise

@@ -22,7 +22,7 @@ SCENARIO = "demo"
 
 
 def run_demo(*, data: Path | None, port: int | None, keep: bool | None) -> int:
-    """The whole demonstration; its exit code. keep: stay up until Ctrl-C; None = on a terminal outside CI."""
+    """Run the demonstration; returns its exit code. keep: stay up until Ctrl-C; None = on a terminal outside CI."""
     settings = Settings.load(data=data, host=DEFAULT_HOST, port=port)
     if settings.api_key is None and keys_exist(settings.database):
         settings = replace(settings, api_key=secrets.token_urlsafe(24))  # of the demonstration alone

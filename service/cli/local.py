@@ -1,4 +1,4 @@
-"""The commands that need no service: list scenarios, run one in this process, look at a recording."""
+"""The commands that need no service: list scenarios, run one in this process, view a recording."""
 
 from __future__ import annotations
 
@@ -48,7 +48,7 @@ def scenario(name: str | None, fields: bool) -> None:
     metavar="DIR",
     required=True,
     type=click.Path(file_okay=False, path_type=Path),
-    help="Folder for result.json, series.npz and recording.rrd; made if it does not exist.",
+    help="Folder for result.json, series.npz and recording.rrd; created if needed.",
 )
 @click.option(
     "--set",

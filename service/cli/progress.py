@@ -1,4 +1,4 @@
-"""Shows a job on the command line while it runs: a bar on a terminal, plain lines elsewhere."""
+"""Shows a job on the command line while it runs: a bar on a terminal, plain lines otherwise."""
 
 from __future__ import annotations
 

@@ -13,7 +13,7 @@ from service.cli.connection import data_option
 class Serve(click.Command):
     """Its help ends with the environment variables that set limits."""
 
-    def format_epilog(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
+    def format_epilog(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:  # noqa: ARG002  (click's)
         """List the environment variables and the limits."""
         from service.limits import limits_help
         from service.settings import variables_help

@@ -29,8 +29,8 @@ def upload(file: Path, kind: str | None, url: str | None) -> None:
         sent = client.upload(file, kind=kind)
         click.echo(sent.reference)
         content = {name: value for name, value in sent.content.items() if not isinstance(value, dict)}
-        found = ", ".join(f"{name} {value}" for name, value in content.items())
-        click.echo(f"{sent.kind} {sent.name}, {sent.bytes} bytes: {found}", err=True)
+        counts = ", ".join(f"{name} {value}" for name, value in content.items())
+        click.echo(f"{sent.kind} {sent.name}, {sent.bytes} bytes: {counts}", err=True)
 
 
 @click.command()
@@ -46,11 +46,11 @@ def uploads(deleted: str | None, pinned: str | None, unpinned: str | None, url: 
     Delete one:               needlebench uploads --delete ID
     """
     with service_client(url) as client:
-        asks = ((deleted, client.delete_upload), (pinned, client.pin_upload), (unpinned, client.unpin_upload))
-        wanted = [(act, name.removeprefix("artefact:")) for name, act in asks if name is not None]
-        for act, upload_id in wanted:
+        actions = ((deleted, client.delete_upload), (pinned, client.pin_upload), (unpinned, client.unpin_upload))
+        chosen = [(act, name.removeprefix("artefact:")) for name, act in actions if name is not None]
+        for act, upload_id in chosen:
             act(upload_id)
-        if wanted:
+        if chosen:
             return
         for item in client.uploads():
             click.echo(f"{item.reference}  {item.kind:<6}{item.bytes:>10}  {item.name}")

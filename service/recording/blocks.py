@@ -27,7 +27,7 @@ FORCE_ARROW_M_PER_N = 0.05
 
 
 class Frame(NamedTuple):
-    """How the tissue is drawn at one row; made as it comes, so that the work is spread over the steps."""
+    """How the tissue is drawn at one row; built at once, so that the work is spread over the steps."""
 
     row: int
     surface: Coloured
@@ -104,7 +104,7 @@ class Block:
         return np.concatenate([self.carried, self.tips[: self.rows]])
 
     def send(self, stream: rr.RecordingStream) -> None:
-        """Send every row, as columns of arrays that nobody else writes to. To be done once, as the last of a block."""
+        """Send every row, as columns of arrays that are not written again. Call it once, as the last use of a block."""
         assert self.shafts is not None
         n = self.rows
         index = self._index(slice(n))

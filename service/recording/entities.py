@@ -17,7 +17,7 @@ SECTION_BEHIND_M = 3e-3  # so that it does not cut the needle in half
 
 @dataclass(frozen=True)
 class Drawing:
-    """What stays the same about how a scene is drawn."""
+    """The constant part of a drawn scene."""
 
     scene: Scene
     surface: Surface

@@ -116,7 +116,7 @@ class RerunObserver:
         """Do it, or end the recording with the rows so far: a run must not depend on being recorded."""
         try:
             action()
-        except Exception as error:
+        except Exception as error:  # noqa: BLE001  (a run never fails because of its recording)
             if self.warning is None:
                 self.warning = f"recording stopped: {type(error).__name__}: {error}"
             recorder, self._recorder = self._recorder, None
@@ -142,7 +142,7 @@ class _Recorder:
         self.sent_s = clock()
         log_static(self.stream, scene, self.drawing)
         self._send_scenario(provenance)
-        self.stream.flush(timeout_sec=0)  # for whoever follows the file; the run need not wait for it
+        self.stream.flush(timeout_sec=0)  # for readers that follow the file; the run need not wait
 
     def _send_scenario(self, provenance: dict[str, Any]) -> None:
         scenario = self.scene.scenario

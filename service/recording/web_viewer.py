@@ -32,11 +32,11 @@ FILES = {
     "favicon.ico": "image/x-icon",
 }
 QUIET = """
-const reach = fetch;
-fetch = (asked, how) => {
-  const url = new URL(asked.url ?? asked, location.href);
+const original = fetch;
+fetch = (resource, options) => {
+  const url = new URL(resource.url ?? resource, location.href);
   const inside = url.origin === location.origin || ["blob:", "data:"].includes(url.protocol);
-  return inside ? reach(asked, how) : Promise.resolve(new Response(null, { status: 204 }));
+  return inside ? original(resource, options) : Promise.resolve(new Response(null, { status: 204 }));
 };
 """
 _FORM = 2  # of the files as they are stored here: after a change they are extracted again

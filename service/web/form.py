@@ -1,4 +1,4 @@
-"""The form of a scenario, made from its JSON schema: blocks become groups, kinds of a block become a choice."""
+"""The form of a scenario, built from its JSON schema: blocks become groups, kinds of a block become a choice."""
 
 from __future__ import annotations
 
@@ -128,13 +128,13 @@ class _Maker:
 
     def _resolved(self, part: Json) -> Json:
         name = part.get("$ref", "").rpartition("/")[2]
-        found: Json = self._definitions[name] if name else part
-        return found
+        schema: Json = self._definitions[name] if name else part
+        return schema
 
     def _kinds(self, part: Json) -> dict[str, Json]:
         """Kind -> its schema, in the order of the union."""
-        found = [self._resolved(option) for option in part.get("oneOf", [])]
-        return {option["properties"][_TAG]["const"]: option for option in found}
+        options = [self._resolved(option) for option in part.get("oneOf", [])]
+        return {option["properties"][_TAG]["const"]: option for option in options}
 
     def group(self, prefix: str, name: str, part: Json, inside: tuple[str, ...] = (), mark: str = "") -> Group:
         """A block as a group. mark: sets it apart from one of the same path in another kind of the enclosing block."""
@@ -148,8 +148,8 @@ class _Maker:
                 if key != _TAG:
                     _add(fields.setdefault(key, []), one, kind)
         entries, groups = [], []
-        for key, found in fields.items():
-            for number, (one, where) in enumerate(found):
+        for key, variants in fields.items():
+            for number, (one, where) in enumerate(variants):
                 shared = () if len(where) == len(options) else tuple(where)
                 own = f"{mark}-{number}" if number else mark
                 if self.is_block(one):
@@ -182,13 +182,13 @@ class _Maker:
         )
 
 
-def _add(found: list[tuple[Json, list[str]]], part: Json, kind: str) -> None:
+def _add(variants: list[tuple[Json, list[str]]], part: Json, kind: str) -> None:
     """Add a field; one that several kinds share is added once."""
-    for known, kinds in found:
+    for known, kinds in variants:
         if known == part:
             kinds.append(kind)
             return
-    found.append((part, [kind]))
+    variants.append((part, [kind]))
 
 
 def _shape(part: Json) -> str:

@@ -7,7 +7,7 @@ from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
 from service.api.problems import problem_response
 
-_KEPT = ("content-range",)  # of a 416: how long the file is
+_KEPT_HEADERS = ("content-range",)  # of a 416: how long the file is
 _NO_SUCH_RANGE = "the Range header asks for bytes that the file does not have"
 
 
@@ -46,6 +46,6 @@ def _plain_error(start: Message) -> bool:
 
 def _problem(start: Message, text: bytes, path: str) -> ASGIApp:
     status, headers = start["status"], Headers(raw=start["headers"])
-    kept = {name: headers[name] for name in _KEPT if name in headers}
+    kept = {name: headers[name] for name in _KEPT_HEADERS if name in headers}
     detail = text.decode(errors="replace") or (_NO_SUCH_RANGE if status == 416 else "refused")
     return problem_response(status, detail, instance=path[:200], headers=kept)

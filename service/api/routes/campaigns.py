@@ -1,4 +1,4 @@
-"""Routes of campaigns: many insertions asked for at once, their progress, results, comparison and trend."""
+"""Routes of campaigns: many insertions at once, their progress, results, comparison and trend."""
 
 from __future__ import annotations
 
@@ -114,7 +114,7 @@ def get_campaign(campaign_id: CampaignId, service: ServiceOf) -> CampaignView:
     responses=documented(403, 404),
 )
 def cancel_campaign(campaign_id: CampaignId, service: ServiceOf) -> CampaignView:
-    """Queued jobs are cancelled at once, running ones within a second; what is finished stays."""
+    """Queued jobs are cancelled at once, running ones within a second; finished ones are kept."""
     return _view(service, service.campaigns.cancel(campaign_id))
 
 

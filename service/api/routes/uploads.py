@@ -62,14 +62,14 @@ async def create_upload(
         async with service.uploads.checking:
             content = await run_in_threadpool(_content, service, draft, kind, name, sha256)
         caller = request.state.caller
-        kept, new = await run_in_threadpool(
+        upload, new = await run_in_threadpool(
             service.uploads.keep, draft, kind=kind, name=name, sha256=sha256, content=content, owner=caller.key_id
         )
     finally:
         await run_in_threadpool(draft.unlink, missing_ok=True)
     response.status_code = status.HTTP_201_CREATED if new else status.HTTP_200_OK
-    response.headers["Location"] = f"/api/v1/uploads/{kept.id}"
-    return UploadView.of(kept)
+    response.headers["Location"] = f"/api/v1/uploads/{upload.id}"
+    return UploadView.of(upload)
 
 
 def _suffix(kind: str, name: str, content_type: str) -> str:

@@ -92,8 +92,8 @@ function findField(root, attribute, field, prefix) {
   let name = field.replace(/\[\d+\]/g, "");
   for (;;) {
     for (const wanted of [name, prefix + name]) {
-      const found = [...root.querySelectorAll(`[${attribute}="${CSS.escape(wanted)}"]`)].find(visible);
-      if (found) return found;
+      const holder = [...root.querySelectorAll(`[${attribute}="${CSS.escape(wanted)}"]`)].find(visible);
+      if (holder) return holder;
     }
     if (!name.includes(".")) return null;
     name = name.slice(0, name.lastIndexOf("."));

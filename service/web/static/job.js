@@ -122,10 +122,10 @@ function drawSeries() {
 
 /** Steps that go deeper than all before them: a plot over depth needs an axis that rises. */
 function deepening(depths) {
-  const found = [];
+  const indices = [];
   let deepest = -Infinity;
-  depths.forEach((depth, i) => { if (depth > deepest) { deepest = depth; found.push(i); } });
-  return found;
+  depths.forEach((depth, i) => { if (depth > deepest) { deepest = depth; indices.push(i); } });
+  return indices;
 }
 
 function settle() {

@@ -56,8 +56,8 @@ form.addEventListener("submit", async (event) => {
   const body = { data: field("data").value, kind: field("kind").value, split: field("split").value };
   for (const control of form.querySelectorAll("input[data-field]")) {
     if (control.closest("[hidden]")) continue;
-    const found = value(control);
-    if (found !== undefined) body[control.dataset.field] = found;
+    const entered = value(control);
+    if (entered !== undefined) body[control.dataset.field] = entered;
   }
   const answer = await send("/api/v1/models/train", { body });
   if (answer.ok) location.assign(`/jobs/${answer.data.id}`);

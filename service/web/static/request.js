@@ -30,9 +30,9 @@ function addAxis(axes) {
 }
 
 function input(label, placeholder) {
-  const made = Object.assign(document.createElement("input"), { placeholder, autocomplete: "off" });
-  made.setAttribute("aria-label", label);
-  return made;
+  const element = Object.assign(document.createElement("input"), { placeholder, autocomplete: "off" });
+  element.setAttribute("aria-label", label);
+  return element;
 }
 
 /** The request of a campaign from the form. */
@@ -54,7 +54,7 @@ export function campaignOf(form, prefix = "") {
 
 /** "3, 6.3, sine" -> [3, 6.3, "sine"]; a JSON list is kept as it is. */
 function list(text) {
-  try { const found = JSON.parse(text); if (Array.isArray(found)) return found; } catch { /* not JSON: separated by commas */ }
+  try { const parsed = JSON.parse(text); if (Array.isArray(parsed)) return parsed; } catch { /* not JSON: separated by commas */ }
   return text.split(",").map((one) => one.trim()).filter(Boolean).map((one) => {
     try { return JSON.parse(one); } catch { return one; }
   });

@@ -12,9 +12,9 @@ form.addEventListener("submit", async (event) => {
   unmark(form);
   const body = { campaign: campaignOf(form, "campaign.") };
   for (const name of ["name", "cron", "timezone", "catchup", "overlap"]) body[name] = form.querySelector(`[data-field="${name}"]`).value.trim();
-  const made = await post(form, "/api/v1/schedules", body, "campaign.");
-  if (!made) return;
-  tell(`The schedule ${made.name} next runs at ${made.next_run_at.slice(0, 16).replace("T", " ")} UTC.`, { kind: "good" });
+  const schedule = await post(form, "/api/v1/schedules", body, "campaign.");
+  if (!schedule) return;
+  tell(`The schedule ${schedule.name} next runs at ${schedule.next_run_at.slice(0, 16).replace("T", " ")} UTC.`, { kind: "good" });
   form.querySelector("#name").value = "";
   refresh();
 });

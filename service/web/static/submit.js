@@ -19,28 +19,28 @@ function value(field) {
   const standard = JSON.parse(field.dataset.default);
   const parts = inputs(field);
   const text = parts[0].value.trim();
-  let found;
+  let entered;
   const number = (one) => (one.validity.badInput ? "not a number" : Number(one.value));
   const empty = (one) => one.value.trim() === "" && !one.validity.badInput;
-  if (entry === "number" || entry === "integer") found = empty(parts[0]) ? undefined : number(parts[0]);
-  else if (entry === "switch") found = parts[0].checked;
-  else if (entry === "choices") found = parts.filter((one) => one.checked).map((one) => one.value);
-  else if (entry === "list") found = text === "" ? undefined : text.split(",").map((one) => one.trim()).filter(Boolean);
+  if (entry === "number" || entry === "integer") entered = empty(parts[0]) ? undefined : number(parts[0]);
+  else if (entry === "switch") entered = parts[0].checked;
+  else if (entry === "choices") entered = parts.filter((one) => one.checked).map((one) => one.value);
+  else if (entry === "list") entered = text === "" ? undefined : text.split(",").map((one) => one.trim()).filter(Boolean);
   else if (entry === "vector") {
-    found = parts.every(empty) ? undefined : parts.map((one, i) => (empty(one) ? standard[i] : number(one)));
+    entered = parts.every(empty) ? undefined : parts.map((one, i) => (empty(one) ? standard[i] : number(one)));
   } else if (entry === "json") {
-    if (text !== "") try { found = JSON.parse(text); } catch { found = text; }
-  } else found = text === "" ? undefined : text;
-  if (found === undefined) return undefined;
-  return same(found, standard) || (entry === "choices" && same(sorted(found), sorted(standard))) ? undefined : found;
+    if (text !== "") try { entered = JSON.parse(text); } catch { entered = text; }
+  } else entered = text === "" ? undefined : text;
+  if (entered === undefined) return undefined;
+  return same(entered, standard) || (entry === "choices" && same(sorted(entered), sorted(standard))) ? undefined : entered;
 }
 
 /** Put a value into a field; null and undefined empty it. */
-function put(field, found) {
+function put(field, entered) {
   const { entry } = field.dataset;
   const standard = JSON.parse(field.dataset.default);
   const parts = inputs(field);
-  const chosen = found ?? standard;
+  const chosen = entered ?? standard;
   const asStandard = same(chosen, standard);
   if (entry === "switch") parts[0].checked = chosen;
   else if (entry === "choices") for (const one of parts) one.checked = chosen.includes(one.value);
@@ -57,9 +57,9 @@ function fill(data) {
   unmark(form);
   for (const field of fields) {
     if (field.dataset.path.startsWith("@")) continue;
-    let found = at(data, field.dataset.path);
-    if (!["kind", "json"].includes(field.dataset.entry) && found !== null && typeof found === "object" && !Array.isArray(found)) found = undefined;
-    put(field, found);
+    let entered = at(data, field.dataset.path);
+    if (!["kind", "json"].includes(field.dataset.entry) && entered !== null && typeof entered === "object" && !Array.isArray(entered)) entered = undefined;
+    put(field, entered);
   }
   update();
 }
@@ -79,16 +79,16 @@ function body() {
   const scenario = {};
   const rest = {};
   for (const field of fields) {
-    const found = counts(field) ? value(field) : undefined;
+    const entered = counts(field) ? value(field) : undefined;
     const { path } = field.dataset;
-    field.classList.toggle("changed", found !== undefined);
-    if (found === undefined) continue;
-    if (path.startsWith("@")) { rest[path.slice(1)] = found; continue; }
+    field.classList.toggle("changed", entered !== undefined);
+    if (entered === undefined) continue;
+    if (path.startsWith("@")) { rest[path.slice(1)] = entered; continue; }
     const names = path.split(".");
     const last = names.pop();
     let here = scenario;
     for (const name of names) here = here[name] ??= {};
-    here[last] = found;
+    here[last] = entered;
   }
   for (const path of Object.keys(scenario)) needKind(scenario, path, path);
   return { scenario, ...rest };

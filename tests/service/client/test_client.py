@@ -43,7 +43,7 @@ def test_an_id_of_ours_is_left_as_it_is() -> None:
 
 def test_an_answer_that_is_no_json_is_of_no_service() -> None:
     client, _ = client_that_gets(httpx2.Response(200, text="<html>hello</html>"))
-    with pytest.raises(ServiceError, match="is no needlebench service"):
+    with pytest.raises(ServiceError, match="is not a needlebench service"):
         client.job("a")
 
 
