@@ -11,12 +11,13 @@ from pydantic import BaseModel, ConfigDict, Field
 from service.files.upload_names import SCHEME, UPLOAD_ID
 from service.limits import Limits
 from service.store.uploads import Upload
-from service.worker.training_job import SETTINGS, untrained
+from service.worker.training_job import SETTINGS, STAGES, untrained
 from simcore.errors import Problem, ScenarioError
 from simcore.learning.regressor import DataError
 from simcore.learning.trained import INPUTS, MAXIMUM_MB, OUTPUTS
 
 ModelKind = Literal["elm", "linear", "neighbours", "mlp"]
+STEPS = len(STAGES)  # of a training job
 BASE_MB = 400.0  # Python with the libraries of a training
 COPIES = 4  # of the table that the ridge solution is computed from
 BYTES_OF_A_NUMBER = 26  # in a model's file
@@ -89,6 +90,11 @@ class TrainRequest(BaseModel):
             raise ScenarioError([Problem("kind", self.kind, str(error))]) from None
         names = ("data", "kind", "split", "samples")
         return {**{name: getattr(self, name) for name in names}, "settings": settings}
+
+
+def settings_by_kind() -> dict[str, tuple[str, ...]]:
+    """The names of the settings that each kind of model has."""
+    return SETTINGS
 
 
 def check_training(training: dict[str, Any], data: Upload, limits: Limits) -> None:

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-import re
 from collections.abc import Iterator
+from contextlib import suppress
 from typing import Annotated, Any
 
 from fastapi import APIRouter, Query, Request, Response
@@ -15,10 +15,9 @@ from service.api.schemas.campaigns import CampaignView
 from service.api.schemas.jobs import ArtefactView, EventView, JobRequest, JobSummary, JobView, State
 from service.campaigns.overview import overviews
 from service.display import flat
-from service.files.upload_names import UPLOAD_ID
 from service.store.campaign import RUNNING as CAMPAIGN_RUNNING
 from service.store.job import QUEUED, SUCCEEDED, TERMINAL, Job, UnknownJob
-from service.store.models import UnknownModel, packaged
+from service.store.models import UnknownModel
 from service.store.paging import read_page
 from service.web.form import scenario_form
 from service.web.site import missing, page
@@ -95,17 +94,18 @@ def _own_fields(name: str) -> dict[str, Any]:
 
 
 def _start(service: Service, start: str | None) -> dict[str, Any] | None:
+    """The fields to start from; None without a start, or if there is no such job, scenario or model."""
     if start is None:
         return None
     if start in preset_names():
         return _own_fields(start)
-    if start in {model.id for model in packaged()} or re.fullmatch(UPLOAD_ID, start):
-        return _steering_by(service, start)
-    try:
+    with suppress(UnknownModel):
+        model = service.models.get(start)
+        return {"controller": {"kind": model.kind, "model": model.reference}}
+    with suppress(UnknownJob):
         scenario: dict[str, Any] | None = (service.store.get(start).spec or {}).get("scenario")
-    except UnknownJob:
-        return None
-    return scenario and without_derived(scenario)
+        return scenario and without_derived(scenario)
+    return None
 
 
 def _measures(part: dict[str, Any]) -> Iterator[tuple[str, Any]]:
@@ -115,15 +115,6 @@ def _measures(part: dict[str, Any]) -> Iterator[tuple[str, Any]]:
             yield from ((f"{name} {axis}", one) for axis, one in zip(AXES, value, strict=False))
         elif name != "model":
             yield name, value
-
-
-def _steering_by(service: Service, model_id: str) -> dict[str, Any] | None:
-    """A scenario that steers by a model."""
-    try:
-        model = service.models.get(model_id)
-    except UnknownModel:
-        return None
-    return {"controller": {"kind": model.kind, "model": model.reference}}
 
 
 def _waiting_reason(service: Service, job: Job) -> str:

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 from fastapi import APIRouter, Request, Response
 
-from service.admission.training_request import TrainRequest
+from service.admission.training_request import TrainRequest, settings_by_kind
 from service.api.context import ServiceOf
 from service.api.parameters import ModelId
 from service.api.schemas.jobs import JobSummary
@@ -17,7 +17,6 @@ from service.store.job import UnknownJob
 from service.store.models import UnknownModel
 from service.web.jobs import AXES
 from service.web.site import missing, page
-from service.worker.training_job import SETTINGS
 
 router = APIRouter(include_in_schema=False)
 
@@ -34,7 +33,7 @@ def get_models(request: Request, service: ServiceOf) -> Response:
         "models.html",
         models=[ModelView.of(model) for model in service.models.all(limit=ROWS)],
         datasets=[UploadView.of(one) for one in service.uploads.newest(limit=ROWS, kind="dataset")],
-        settings=SETTINGS,
+        settings=settings_by_kind(),
         about={name: field["description"] for name, field in schema.items()},
     )
 

@@ -7,7 +7,7 @@ from typing import Annotated, Any, get_args
 from fastapi import APIRouter, Query, Request, Response, status
 from starlette.responses import FileResponse
 
-from service.admission.training_request import TrainRequest, check_training
+from service.admission.training_request import STEPS, TrainRequest, check_training
 from service.api.context import ServiceOf
 from service.api.idempotency import IdempotencyKey, own_key
 from service.api.openapi import documented
@@ -19,7 +19,6 @@ from service.api.schemas.models import JOBS_SHOWN, ControllerInfo, ControllerLis
 from service.files.upload_names import SCHEME
 from service.store.job import TRAINING, content_hash
 from service.store.uploads import Upload
-from service.worker.training_job import STAGES
 from simcore.errors import Problem, ScenarioError
 from simcore.scenario.controller_blocks import Controller, Learned
 
@@ -65,7 +64,7 @@ def train_model(
         name=body.name or f"{body.kind} from {data.name}"[:100],
         spec={"training": training},
         spec_hash=content_hash(training),
-        steps=len(STAGES),
+        steps=STEPS,
         priority=body.priority,
         timeout_s=body.timeout_s,
         key=own_key(idempotency_key, owner),

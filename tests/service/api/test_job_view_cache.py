@@ -24,13 +24,13 @@ _GRID = {"scenario": "line", "grid": {"seed": [0, 1]}}
 
 
 def submit(store: Store) -> Job:
-    spec = {"scenario": {}}
+    spec: dict[str, Any] = {"scenario": {}}
     return store.submit(name="a", spec=spec, spec_hash="0", steps=10, priority=0, timeout_s=60.0)
 
 
-def now(statuses: JobViewCache, job_id: str) -> EncodedJob | None:
+def now(views: JobViewCache, job_id: str) -> EncodedJob | None:
     try:
-        return asyncio.run(statuses.of(job_id))
+        return asyncio.run(views.of(job_id))
     except UnknownJob:
         return None
 
@@ -96,15 +96,20 @@ def test_what_is_done_to_a_campaign_is_done_to_its_jobs(tmp_path: Path, verb: st
 
 def test_an_unchanged_job_is_read_once(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     with idle_service(tmp_path) as (_, service):
-        job, asked = submit(service.store), []
-        get = service.store.get
-        monkeypatch.setattr(service.store, "get", lambda job_id: asked.append(job_id) or get(job_id))
+        job, get = submit(service.store), service.store.get
+        reads: list[str] = []
+
+        def counted(job_id: str) -> Job:
+            reads.append(job_id)
+            return get(job_id)
+
+        monkeypatch.setattr(service.store, "get", counted)
         for _ in range(3):
             now(service.job_views, job.id)
-        assert asked == [job.id]
+        assert reads == [job.id]
         service.store.cancel(job.id)
         now(service.job_views, job.id)
-        assert asked == [job.id] * 2
+        assert reads == [job.id] * 2
 
 
 def test_what_changes_while_it_is_read_is_not_kept(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
