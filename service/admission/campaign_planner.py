@@ -11,11 +11,11 @@ from pydantic import BaseModel, ConfigDict, Field, StringConstraints, model_vali
 from benchmarks.cases import Case, Suite
 from benchmarks.grid.suite import grid
 from benchmarks.paper.suites import suite
-from service.admission.cost import TIME_LIMIT, TYPICAL_STEP_S, Cost, check_cost, time_limit_s
+from service.admission.cost import TYPICAL_STEP_S, Cost, check_cost, time_limit_s
 from service.files.upload_names import UploadLookup
 from service.limits import Limits
 from service.store.campaign import CampaignPlan, PlannedJob
-from service.store.job import TimeLimit, content_hash
+from service.store.job import TIME_LIMIT, TimeLimit, content_hash
 from simcore.errors import Problem, ScenarioError
 from simcore.file_names import names_mean
 from simcore.scenario.presets import start

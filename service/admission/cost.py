@@ -20,7 +20,6 @@ from simcore.scenario.controller_blocks import InverseFem, SeparateModel
 from simcore.scenario.scenario import Scenario
 from simcore.tissue.model import free_node_order, half_bandwidth, held_nodes
 
-TIME_LIMIT = "Most wall time of an attempt; null = an hour, or four times the estimate if that is longer."
 TYPICAL_STEP_S = 3e-3  # of a step, where no job has been measured yet
 BASE_MB = 400.0  # Python with every library of a job, Rerun too
 STEP_MS, MS_PER_NODE, MS_PER_ENTRY = 1.0, 1.0e-3, 3.0e-6  # entry: one of the factor's band

@@ -15,7 +15,7 @@ from starlette.responses import Response
 
 from service.access import ForbiddenError
 from service.store.campaign import CampaignActive, UnknownCampaign
-from service.store.database_errors import OperationalError
+from service.store.errors import OperationalError
 from service.store.job import IllegalTransition, InputGone, KeyReused, QueueFull, UnknownJob, UploadGone
 from service.store.keys import UnknownKey
 from service.store.models import UnknownModel

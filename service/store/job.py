@@ -16,6 +16,9 @@ FAILED, CANCELLED, TIMED_OUT = "failed", "cancelled", "timed_out"
 
 INSERTION, TRAINING = KINDS = ("insertion", "training")  # one simulated insertion; one model learned from a data set
 
+TimeLimit = Annotated[float, Field(strict=True, ge=1, le=86400, allow_inf_nan=False)]  # of a job, s
+TIME_LIMIT = "Most wall time of an attempt; null = an hour, or four times the estimate if that is longer."
+
 LEGAL: dict[str, frozenset[str]] = {
     QUEUED: frozenset({RUNNING, CANCELLED}),
     RUNNING: frozenset({SUCCEEDED, FAILED, CANCELLED, TIMED_OUT, QUEUED}),
@@ -145,9 +148,6 @@ class Job:
     def folder(self) -> str:
         """Folder of the current attempt, relative to the data folder. An attempt never writes into another's."""
         return f"jobs/{self.id}/{self.attempt}"
-
-
-TimeLimit = Annotated[float, Field(strict=True, ge=1, le=86400, allow_inf_nan=False)]  # wall time of an attempt, s
 
 
 def content_hash(value: Any) -> str:

@@ -15,7 +15,7 @@ from service.access import ADMIN, OPEN_PATHS, READ, SAFE_METHODS, SESSION_COOKIE
 from service.api.middleware.host_guard import same_origin
 from service.api.middleware.rate_limit import RateLimit
 from service.api.problems import database_refusal, problem_response
-from service.store.database_errors import OperationalError
+from service.store.errors import OperationalError
 from service.store.keys import Keys
 
 _OF_EVERY_SCOPE = frozenset({"/logout"})

@@ -7,9 +7,8 @@ from typing import Annotated, Any, Literal, Self
 
 from pydantic import BaseModel, ConfigDict, Field, WithJsonSchema, field_validator
 
-from service.admission.cost import TIME_LIMIT
 from service.api.schemas.timestamps import utc
-from service.store.job import INSERTION, SUCCEEDED, TRAINING, Artefact, Event, Job, TimeLimit
+from service.store.job import INSERTION, SUCCEEDED, TIME_LIMIT, TRAINING, Artefact, Event, Job, TimeLimit
 
 State = Literal["queued", "running", "succeeded", "failed", "cancelled", "timed_out"]
 

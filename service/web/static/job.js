@@ -99,7 +99,7 @@ async function loadSeries() {
   drawSeries();
 }
 
-const NOTES = { error: ", tip to the target that its step was commanded for", force: "" };
+const NOTES = { error: ", from the tip to the target of its step", force: "" };
 
 function drawSeries() {
   const depth = document.getElementById("over-depth").checked;
