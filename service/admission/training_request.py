@@ -13,8 +13,6 @@ from service.limits import Limits
 from service.store.uploads import Upload
 from service.worker.training_job import SETTINGS, STAGES, untrained
 from simcore.errors import Problem, ScenarioError
-from simcore.learning.regressor import DataError
-from simcore.learning.trained import INPUTS, MAXIMUM_MB, OUTPUTS
 
 ModelKind = Literal["elm", "linear", "neighbours", "mlp"]
 STEPS = len(STAGES)  # of a training job
@@ -84,6 +82,8 @@ class TrainRequest(BaseModel):
             problems.append(Problem("name", self.name, "must be printable characters"))
         if problems:
             raise ScenarioError(problems)
+        from simcore.learning.regressor import DataError
+
         try:
             settings = untrained(self.kind, given).settings()
         except DataError as error:
@@ -99,6 +99,8 @@ def settings_by_kind() -> dict[str, tuple[str, ...]]:
 
 def check_training(training: dict[str, Any], data: Upload, limits: Limits) -> None:
     """Raises ScenarioError unless the data set suits the training and the cost is within the limits."""
+    from simcore.learning.trained import MAXIMUM_MB
+
     reference = training["data"]
     if data.kind != "dataset":
         raise ScenarioError([Problem("data", reference, f"is a {data.kind}, not a data set")])
@@ -121,6 +123,8 @@ def check_training(training: dict[str, Any], data: Upload, limits: Limits) -> No
 
 def cost_mb(training: dict[str, Any], rows: int, all_rows: int) -> tuple[float, float]:
     """Memory of the training and size of the model's file, MB. Accurate to about a factor of two."""
+    from simcore.learning.trained import INPUTS, OUTPUTS
+
     settings, kind = training["settings"], training["kind"]
     shapes = untrained(kind, settings).shapes(INPUTS, OUTPUTS)
     numbers = sum(math.prod(rows if length == -1 else length for length in shape) for shape in shapes.values())
