@@ -9,7 +9,7 @@ FROM python:3.12-slim AS build
 ENV PIP_NO_CACHE_DIR=1 PIP_DISABLE_PIP_VERSION_CHECK=1
 WORKDIR /source
 
-# Every package of the lock, checked against its hash; later steps see nothing but this folder.
+# What running and building need, checked against the hashes of the lock; later steps see nothing but this folder.
 COPY requirements.lock ./
 RUN pip download --require-hashes --only-binary=:all: --no-deps --dest /wheels --requirement requirements.lock
 
@@ -19,7 +19,7 @@ RUN python -m venv /builder \
  && /builder/bin/pip install --no-index --find-links /wheels hatchling \
  && NEEDLEBENCH_COMMIT="$COMMIT" /builder/bin/python -m hatchling build --target wheel --directory /wheels
 
-# The run-time packages alone: tools for lint and tests stay behind in /wheels.
+# The run-time packages alone: the build backend stays behind in /wheels.
 RUN python -m venv --without-pip /opt/needlebench \
  && pip --python /opt/needlebench/bin/python install --no-index --find-links /wheels needlebench
 
@@ -31,7 +31,7 @@ RUN CI=1 XDG_CONFIG_HOME=/opt/needlebench/etc XDG_DATA_HOME=/tmp/rerun /opt/need
 FROM python:3.12-slim
 LABEL org.opencontainers.image.title="needlebench" \
       org.opencontainers.image.description="Reproducible benchmarks for robotic needle steering in deforming tissue" \
-      org.opencontainers.image.licenses="Apache-2.0"
+      org.opencontainers.image.licenses="Apache-2.0 AND MIT"
 COPY --from=build /opt/needlebench /opt/needlebench
 RUN mkdir /data && chown 10001:10001 /data
 ENV PATH=/opt/needlebench/bin:$PATH \

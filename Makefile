@@ -1,5 +1,5 @@
-# The commands of this project. bootstrap.py makes and mends .venv; everything runs in it.
-# Without make: python bootstrap.py needlebench demo
+# The commands of this project. bootstrap.py makes and mends .venv, with what running needs or with what testing needs on
+# top; everything runs in it. Without make: python bootstrap.py needlebench demo
 
 PYTHON ?= $(shell for p in python3 python python3.13 python3.12 python3.11 py; do "$$p" -c "" 2>/dev/null && echo "$$p" && break; done)
 BOOTSTRAP = $(or $(PYTHON),python3) bootstrap.py
@@ -13,55 +13,77 @@ SECONDS ?= 60
 JOBS ?= 2000
 SEED ?= 1
 
-.PHONY: help run env check test test-fast chaos verification models lock image clean
+# The build backend is locked too: bootstrap.py and the container build this project with it.
+BUILD_REQUIRES = $(BIN)/python -c 'import tomllib; print(*tomllib.load(open("pyproject.toml", "rb"))["build-system"]["requires"])'
+COMPILE = env -u UV_INDEX -u UV_INDEX_URL -u UV_EXTRA_INDEX_URL -u UV_DEFAULT_INDEX -u UV_FIND_LINKS -u UV_CONFIG_FILE \
+	$(UV) pip compile --universal --python-version 3.11 --fork-strategy fewest --generate-hashes --no-config \
+	--no-emit-index-url --no-emit-find-links --custom-compile-command "make lock" --quiet
+
+.PHONY: help run env env-dev check test test-fast test-long test-python chaos docs verification models lock hooks image clean
 
 help:  ## this list
 	@awk -F ':.*## ' '/^[a-z-]+:.*## / { printf "  make %-12s %s\n", $$1, $$2 }' Makefile
 
-run:  ## install what is missing, then one demo insertion through the service (ARGS="..." for needlebench demo)
+run:  ## install what running needs, then one demo insertion through the service (ARGS="..." for needlebench demo)
 	@$(BOOTSTRAP) needlebench demo $(ARGS)
 
-env:  ## only make or mend .venv
+env:  ## only make or mend .venv, with what running needs
 	@$(BOOTSTRAP)
 
-check: env  ## lint, format and types
+env-dev:  ## the same with what testing needs
+	@$(BOOTSTRAP) --dev
+
+check: env-dev  ## lint, formatting and types
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
-	$(BIN)/mypy simcore service benchmarks needlebench.py bootstrap.py hatch_build.py
+	$(BIN)/mypy simcore service benchmarks needlebench bootstrap.py bootstrap_python.py hatch_build.py
 
-test: check  ## everything: lint, format, types and all tests
+test: check  ## everything that a change must pass: lint, formatting, types and the tests
 	$(BIN)/python -m pytest $(ARGS)
 
 test-fast: check  ## the same without the slow tests
 	$(BIN)/python -m pytest -m "not slow" $(ARGS)
 
-chaos: env  ## kill, flood and starve real servers; prints a table (MOMENTS=50 REQUESTS=10000 CLIENTS=200 SECONDS=60 JOBS=2000 SEED=1)
+test-long: env-dev  ## the tests that take too long for every change, and which lines they reach
+	$(BIN)/python -m coverage run -m pytest -m long $(ARGS)
+	$(BIN)/python -m coverage combine --quiet
+	$(BIN)/python -m coverage report
+
+test-python:  ## the fast tests on another Python, in an environment of its own (PYTHON=python3.13)
+	@version="$$($(PYTHON) -c 'import sys; print("%d.%d" % sys.version_info[:2])')" && \
+	BOOTSTRAP_VENV=".venv-$$version" $(PYTHON) bootstrap.py --dev python -m pytest -m "not slow" $(ARGS)
+
+chaos: env-dev  ## kill, flood and starve real servers; prints a table (MOMENTS=50 REQUESTS=10000 CLIENTS=200 SECONDS=60 JOBS=2000 SEED=1)
 	NEEDLEBENCH_CHAOS_MOMENTS=$(MOMENTS) NEEDLEBENCH_CHAOS_REQUESTS=$(REQUESTS) NEEDLEBENCH_CHAOS_CLIENTS=$(CLIENTS) \
 	NEEDLEBENCH_CHAOS_SECONDS=$(SECONDS) NEEDLEBENCH_CHAOS_JOBS=$(JOBS) NEEDLEBENCH_CHAOS_SEED=$(SEED) \
 	$(BIN)/python -m pytest tests/chaos tests/acceptance/test_disk.py tests/service/api/test_hostile.py $(ARGS)
 
-verification: env  ## run the physics and reproducibility tests and write benchmarks/results/verification.md (SOURCE_DATE=... for its header)
+docs: env-dev  ## build the documentation in build/docs; a warning is an error
+	$(BIN)/sphinx-build -W --keep-going -b html docs build/docs
+
+verification: env-dev  ## run the physics and reproducibility tests and write benchmarks/results/verification.md (SOURCE_DATE=... for its header)
 	SOURCE_DATE="$${SOURCE_DATE:-$$(date -u +%Y-%m-%d)}" \
 	$(BIN)/python -m pytest tests/simcore tests/acceptance/test_reproducibility.py \
 	--verification benchmarks/results/verification.md $(ARGS)
 
-models: env  ## run the training insertions and train the models that come along, in simcore/models (half an hour and more)
+models: env-dev  ## run the training insertions and train the bundled models, in simcore/models (half an hour and more)
 	$(BIN)/needlebench dataset --out out/models/data.npz --force
 	$(BIN)/needlebench train --data out/models/data.npz --kind elm --out simcore/models/elm.json --force
 	$(BIN)/needlebench train --data out/models/data.npz --kind linear --out simcore/models/linear.json --force
 	$(BIN)/needlebench train --data out/models/data.npz --kind mlp --out simcore/models/mlp.json --force
 
-lock: env  ## write requirements.lock anew from pyproject.toml (needs uv; ARGS=--upgrade for the newest versions)
+lock: env  ## write the three requirements*.lock again from pyproject.toml (needs uv; ARGS=--upgrade for the newest versions)
 	@command -v $(UV) >/dev/null || { echo "make lock needs uv: pipx install uv"; exit 1; }
-	$(BIN)/python -c 'import tomllib; print(*tomllib.load(open("pyproject.toml", "rb"))["build-system"]["requires"])' | \
-	env -u UV_INDEX -u UV_INDEX_URL -u UV_EXTRA_INDEX_URL -u UV_DEFAULT_INDEX -u UV_FIND_LINKS -u UV_CONFIG_FILE \
-	$(UV) pip compile pyproject.toml - --extra dev --universal --python-version 3.11 --fork-strategy fewest \
-	--generate-hashes --no-config --no-emit-index-url --no-emit-find-links \
-	--custom-compile-command "make lock" --quiet --output-file requirements.lock $(ARGS)
+	$(BUILD_REQUIRES) | $(COMPILE) pyproject.toml - --group dev --output-file requirements-dev.lock $(ARGS)
+	$(BUILD_REQUIRES) | $(COMPILE) pyproject.toml - --constraint requirements-dev.lock --output-file requirements.lock
+	$(BUILD_REQUIRES) | $(COMPILE) - --group core --constraint requirements-dev.lock --output-file requirements-core.lock
+
+hooks: env-dev  ## let git run lint, formatting and types before every commit
+	$(BIN)/pre-commit install
 
 image:  ## the container image, with the commit in it
 	docker build --build-arg COMMIT="$$(git rev-parse HEAD)" --tag needlebench .
 
-clean:  ## remove the environment, caches and builds (data folders stay)
-	rm -rf .venv dist build .pytest_cache .mypy_cache .ruff_cache .hypothesis
+clean:  ## remove the environments, caches and builds (data folders stay)
+	rm -rf .venv .venv-* dist build .coverage .coverage.* .pytest_cache .mypy_cache .ruff_cache .hypothesis .schemathesis
 	find . -name __pycache__ -type d -prune -exec rm -rf {} +

@@ -1,10 +1,17 @@
 """Make this checkout's environment, then run a command in it; a second call finds everything in place.
 
-    python bootstrap.py                      make or mend .venv, install the locked packages
+    python bootstrap.py                      make or mend .venv with what running needs
     python bootstrap.py needlebench demo     the same, then run that command from it
+    python bootstrap.py --dev pytest         with what testing needs on top
+    python bootstrap.py --core needlebench run line --out results/line --set recording.enabled=false
+                                             no more than an insertion without a recording needs
 
-Standard library only, and readable by Python 3.8, so that an old Python can look for a newer one. Every
-package comes from requirements.lock: exact versions, checked against their hashes, wheels only.
+Standard library only, and readable by Python 3.8, so that an old Python can look for a newer one. Every package
+comes from requirements-core.lock, requirements.lock or requirements-dev.lock: exact versions, checked against
+their hashes, wheels only. Each holds the one before it, in the same versions: an environment that has the larger
+set is left alone where the smaller one is asked for.
+
+BOOTSTRAP_VENV names another folder than .venv, made for the very Python that runs this script.
 """
 
 from __future__ import annotations
@@ -21,126 +28,38 @@ import sys
 import threading
 import time
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+sys.path.insert(0, str(Path(__file__).resolve().parent))  # PYTHONSAFEPATH may have kept it out
+from bootstrap_python import EXE, WINDOWS, Problem, candidates, find_python, probe, suits, version_range
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
 ROOT = Path(__file__).resolve().parent
-VENV = ROOT / ".venv"
-WINDOWS = os.name == "nt"
+OTHER_VENV = os.environ.get("BOOTSTRAP_VENV")
+VENV = ROOT / (OTHER_VENV or ".venv")
 BIN = VENV / ("Scripts" if WINDOWS else "bin")
-EXE = ".exe" if WINDOWS else ""
 PYTHON = BIN / ("python" + EXE)
-OLDEST, NEWEST = (3, 11), (3, 15)  # every package of the lock has wheels for these
-PREFERRED = ("3.13", "3.12", "3.11", "3.14", "3.15")
-DOWNLOAD_MB, DISK_MB = 390, 1300  # measured on Linux x86-64; rerun-sdk is 170 and 500 of it
 UNFINISHED = "unfinished"
+
+
+class Packages(NamedTuple):
+    """A set of packages; its sizes were measured on Linux x86-64, that on the disk with bytecode and pip."""
+
+    lock: str
+    purpose: str
+    download_mb: int
+    disk_mb: int
+
+
+SETS = {  # each holds the one before it
+    "core": Packages("requirements-core.lock", "an insertion without a recording", 130, 520),
+    "run": Packages("requirements.lock", "running", 370, 1310),
+    "dev": Packages("requirements-dev.lock", "testing", 510, 1810),
+}
 WHEEL = re.compile(r"\s*(?:Downloading|Using cached) (?:\S*/)?([A-Za-z0-9_.]+)-\S+\.whl \(([^)]+)\)")
 REDIRECTS = "PIP_TARGET PIP_PREFIX PIP_ROOT PIP_USER PIP_DRY_RUN PIP_QUIET PYTHONHOME PYTHONPATH".split()
-
-PROBE = """
-import importlib.util as util, json, platform, sys, sysconfig
-print(json.dumps({
-    "version": list(sys.version_info[:3]),
-    "executable": getattr(sys, "_base_executable", None) or sys.executable,
-    "venv": all(util.find_spec(name) for name in ("venv", "ensurepip")),
-    "pip": util.find_spec("pip") is not None,
-    "fits": platform.python_implementation() == "CPython" and sys.maxsize > 2**32
-            and not sysconfig.get_config_var("Py_GIL_DISABLED"),
-}))
-"""
-
-
-class Problem(Exception):
-    """Something the user has to mend; the message says how."""
-
-
-# ---- which Python
-
-
-def candidates() -> Iterator[list[str]]:
-    """Commands that may start a Python: the running one, then by version and by name on PATH."""
-    yield [sys.executable]
-    if WINDOWS:
-        for version in PREFERRED:
-            yield ["py", "-" + version]
-    folders = os.environ.get("PATH", os.defpath).split(os.pathsep)
-    folders += ["/opt/homebrew/bin", "/usr/local/bin", "/usr/bin"]
-    for name in ["python" + version for version in PREFERRED] + ["python3", "python"]:
-        for folder in dict.fromkeys(folders):
-            path = os.path.join(folder, name + EXE)
-            if folder and os.path.isfile(path) and os.access(path, os.X_OK):
-                yield [path]
-
-
-def probe(command: list[str]) -> dict[str, Any] | None:
-    """What that Python says of itself; None if it does not run (a shim without a version behind it, say)."""
-    try:
-        done = subprocess.run(
-            [*command, "-I", "-c", PROBE],
-            stdin=subprocess.DEVNULL,
-            stdout=subprocess.PIPE,
-            stderr=subprocess.DEVNULL,
-            timeout=30,
-            check=True,
-        )
-        found: dict[str, Any] = json.loads(done.stdout.decode())
-        return found
-    except (OSError, ValueError, subprocess.SubprocessError):
-        return None
-
-
-def suits(found: dict[str, Any]) -> bool:
-    """Whether the locked packages have wheels for that Python."""
-    return bool(found["fits"]) and OLDEST <= tuple(found["version"][:2]) <= NEWEST
-
-
-def find_python() -> dict[str, Any]:
-    """The first Python that suits and can make an environment, or a Problem with the command for it."""
-    without_venv = None
-    for command in candidates():
-        found = probe(command)
-        if found is None or not suits(found):
-            continue
-        if found["venv"]:
-            return found
-        without_venv = without_venv or found
-    if without_venv:
-        raise Problem(advice_without_venv(without_venv))
-    raise Problem(advice_without_python())
-
-
-def version_range() -> str:
-    """The Pythons that the lock was made for."""
-    return "{}.{} to {}.{}".format(*OLDEST, *NEWEST)
-
-
-def sudo() -> str:
-    """The prefix of a command that needs the administrator."""
-    return "" if WINDOWS or os.geteuid() == 0 else "sudo "
-
-
-def advice_without_venv(found: dict[str, Any]) -> str:
-    """The command that adds the missing venv module to a Python that has none."""
-    version = "{}.{}".format(*found["version"])
-    way = f"Install Python {version} from python.org."
-    if shutil.which("apt-get"):
-        way = f"Type:\n\n    {sudo()}apt-get install python{version}-venv\n"
-    return f"Python {version} ({found['executable']}) has no venv module. {way}"
-
-
-def advice_without_python() -> str:
-    """The command that installs a Python here."""
-    ways = [
-        ("apt-get", sudo() + "apt-get install python3.11 python3.11-venv"),
-        ("dnf", sudo() + "dnf install python3.12"),
-        ("brew", "brew install python@3.13"),
-        ("winget", "winget install Python.Python.3.13"),
-    ]
-    here = [f"Type:\n\n    {line}\n" for tool, line in ways if shutil.which(tool)]
-    way = here[0] if here else "Install Python 3.13 from python.org."
-    return f"No Python {version_range()} (CPython, 64 bit) was found. {way}"
 
 
 # ---- what is there, what is wanted
@@ -151,14 +70,21 @@ def digest(name: str) -> str:
     return hashlib.sha256((ROOT / name).read_bytes()).hexdigest()
 
 
-def wanted(version: list[int]) -> dict[str, Any]:
-    """What the stamp says once everything is installed for that Python."""
+def wanted(version: list[int], package_set: str) -> dict[str, Any]:
+    """What the stamp says once that set and the project are installed for that Python."""
+    names = list(SETS)[: list(SETS).index(package_set) + 1]
     return {
-        "lock": digest("requirements.lock"),
+        "locks": {name: digest(SETS[name].lock) for name in names},
         "project": digest("pyproject.toml"),
         "python": version,
         "path": str(VENV),
     }
+
+
+def complete_sets(stamp: Any) -> dict[str, str]:
+    """The sets that the environment has, as their locks are now, with the hashes of these locks."""
+    locks = stamp.get("locks", {}) if isinstance(stamp, dict) else {}
+    return {name: lock for name, lock in locks.items() if name in SETS and lock == digest(SETS[name].lock)}
 
 
 def read_stamp() -> Any:
@@ -176,11 +102,11 @@ def write_stamp(stamp: Any) -> None:
     os.replace(str(new), str(VENV / "bootstrap.json"))
 
 
-def plan(stamp: Any, here: dict[str, Any] | None, exists: bool) -> str:
-    """What is to be done: `nothing`, `project`, `packages` or `rebuild`.
+def plan(stamp: Any, here: dict[str, Any] | None, exists: bool, package_set: str) -> str:
+    """What is to be done for that set: `nothing`, `project`, `packages` or `rebuild`.
 
     `here` is the probe of the environment's own Python. An environment without a stamp was made by hand: it
-    is filled, never deleted.
+    is filled, never deleted. One whose larger set was interrupted still has the smaller ones.
     """
     if not exists or stamp == UNFINISHED:
         return "rebuild"
@@ -194,12 +120,12 @@ def plan(stamp: Any, here: dict[str, Any] | None, exists: bool) -> str:
         )
     if not usable or here is None:
         return "rebuild"
-    want = wanted(here["version"])
+    want = wanted(here["version"], package_set)
     if any(stamp.get(key) != want[key] for key in ("python", "path")):
         return "rebuild"
-    if stamp.get("lock") != want["lock"]:
-        return "packages"
-    return "nothing" if stamp == want else "project"
+    if package_set not in complete_sets(stamp):
+        return "rebuild" if stamp.get("partial") else "packages"
+    return "nothing" if stamp.get("project") == want["project"] else "project"
 
 
 # ---- installing
@@ -286,30 +212,41 @@ def pip_install(*arguments: str, text: str) -> None:
     call([str(PYTHON), "-Iu", "-m", "pip", "install", *options, *arguments], text)
 
 
-def check_disk() -> None:
-    """Refuse to begin what cannot end."""
+def announce(package_set: str, stamp: Any) -> None:
+    """Say what will be installed and how large it is, and refuse to begin what cannot end."""
+    asked, has = SETS[package_set], [SETS[name] for name in complete_sets(stamp)]
+    download_mb = asked.download_mb - max([each.download_mb for each in has], default=0)
+    disk_mb = asked.disk_mb - max([each.disk_mb for each in has], default=0)
+    size = f"at most {download_mb} MB to download, {disk_mb} MB{' more' if has else ''} in {VENV.name}"
+    print(f"Installing what {asked.purpose} needs: {size}.", flush=True)
     free_mb = shutil.disk_usage(str(ROOT)).free // 10**6
-    if free_mb < DISK_MB + 200:
-        raise Problem(f"{free_mb} MB are free in {ROOT}; {DISK_MB + 200} MB are needed.")
+    if free_mb < disk_mb + 200:
+        raise Problem(f"{free_mb} MB are free in {ROOT}; {disk_mb + 200} MB are needed.")
 
 
 def make_environment() -> None:
-    """An empty .venv, marked unfinished from its first moment on."""
-    found = find_python()
-    check_disk()
+    """An empty environment, marked unfinished from its first moment on."""
+    found = find_python([[sys.executable]] if OTHER_VENV else candidates())
     print("Python {}.{}.{}: {}".format(*found["version"], found["executable"]), flush=True)
     if VENV.exists():
-        print("Replacing the unfinished or outdated .venv.")
+        print(f"Replacing the unfinished or outdated {VENV.name}.")
         shutil.rmtree(str(VENV))
     VENV.mkdir()
     write_stamp(UNFINISHED)
-    call([found["executable"], "-I", "-m", "venv", str(VENV)], "making .venv")
+    call([found["executable"], "-I", "-m", "venv", str(VENV)], f"making {VENV.name}")
 
 
-def install_packages() -> None:
+def mark_partial(stamp: Any) -> None:
+    """Note, before packages are added, which sets will stay complete whatever happens: those that are so now."""
+    if stamp is not None:
+        kept = complete_sets(stamp)
+        write_stamp({**stamp, "locks": kept, "partial": True} if kept else UNFINISHED)
+
+
+def install_packages(package_set: str) -> None:
     """Exactly the lock: exact versions, hashes checked, wheels only."""
     options = ["--require-hashes", "--only-binary=:all:", "--no-deps"]
-    pip_install(*options, "-r", str(ROOT / "requirements.lock"), text="asking for the packages")
+    pip_install(*options, "-r", str(ROOT / SETS[package_set].lock), text="asking for the packages")
 
 
 def install_project() -> None:
@@ -318,25 +255,27 @@ def install_project() -> None:
     pip_install(*arguments, text="installing needlebench from this folder")
 
 
-def ensure() -> None:
-    """Bring the environment to what the lock and pyproject.toml say."""
+def ensure(package_set: str) -> None:
+    """Bring the environment to what the set's lock and pyproject.toml say."""
     stamp = read_stamp()
-    todo = plan(stamp, probe([str(PYTHON)]) if PYTHON.exists() else None, VENV.exists())
+    todo = plan(stamp, probe([str(PYTHON)]) if PYTHON.exists() else None, VENV.exists(), package_set)
     if todo == "nothing":
         return
     start = time.monotonic()
-    if todo != "project":
-        print(f"Installing the locked packages: at most {DOWNLOAD_MB} MB to download, {DISK_MB} MB in .venv.")
     if todo == "rebuild":
+        announce(package_set, None)
         make_environment()
-    elif todo == "packages" and stamp is not None:
-        write_stamp(UNFINISHED)
+    elif todo == "packages":
+        announce(package_set, stamp)
+        mark_partial(stamp)
     if todo != "project":
-        install_packages()
+        install_packages(package_set)
     here = probe([str(PYTHON)])
     if here is None:
         raise Problem(f"{PYTHON} does not run.")
-    complete = wanted(here["version"])
+    complete = wanted(here["version"], package_set)
+    if todo == "project":
+        complete = {**stamp, "project": complete["project"]}
     write_stamp({**complete, "project": None})
     install_project()
     write_stamp(complete)
@@ -376,9 +315,12 @@ def main(arguments: list[str]) -> int:
     if arguments and arguments[0] in ("-h", "--help"):
         print(__doc__)
         return 0
+    package_set = "run"
+    if arguments and arguments[0] in ("--core", "--dev"):
+        package_set, arguments = arguments[0][2:], arguments[1:]
     try:
         with only_one():
-            ensure()
+            ensure(package_set)
         return run(arguments[0], arguments[1:]) if arguments else 0
     except (Problem, OSError) as problem:
         print(f"\n{problem}", file=sys.stderr)

@@ -20,6 +20,7 @@ from tests.acceptance.server import running_server
 
 ROOT = Path(__file__).resolve().parent.parent
 PORT = "8321"
+LEFT_OUT = ("benchmarks/results/", "benchmarks/pictures/")
 Step = tuple[str, str]
 
 
@@ -89,6 +90,7 @@ def test_every_package_is_checked_against_the_lock_and_nothing_else_is_fetched()
     (fetched,) = [run for run in runs if "pip download" in run]
     assert "--require-hashes" in fetched
     assert "--no-deps" in fetched
+    assert re.findall(r"\S+\.lock", " ".join(runs)) == ["requirements.lock"], "what running needs, no tools"
     installs = [part for run in runs for part in run.split("&&") if "install" in part and "pip" in part]
     assert len(installs) == 2
     assert all("--no-index" in part and "--find-links /wheels" in part for part in installs)
@@ -155,6 +157,12 @@ def let_through(path: str) -> bool:
     "path",
     [
         *(".git/config", ".venv/bin/python", ".env", "needlebench.env", "compose.yaml", "data/needlebench.sqlite"),
+        *(
+            "requirements-dev.lock",
+            ".venv-3.13/bin/python",
+            "benchmarks/results/LICENSE",
+            "benchmarks/pictures/demo.png",
+        ),
         *("out/models/data.npz", "tests/conftest.py", "service/__pycache__/a.pyc", "simcore/a.pyc", ".ci/pipeline"),
     ],
 )
@@ -166,8 +174,9 @@ def test_all_that_the_wheel_is_built_from_gets_in() -> None:
     listed = subprocess.run(["git", "ls-files"], cwd=ROOT, capture_output=True, text=True, check=False)
     if listed.returncode:
         pytest.skip("needs a git checkout, to know which files are the project's")
-    packages = [name for name in listed.stdout.split() if name.startswith(("simcore/", "service/", "benchmarks/"))]
-    needed = ["pyproject.toml", "hatch_build.py", "README.md", "LICENSE", "needlebench.py", "requirements.lock"]
+    folders = ("needlebench/", "simcore/", "service/", "benchmarks/")
+    packages = [name for name in listed.stdout.split() if name.startswith(folders) and not name.startswith(LEFT_OUT)]
+    needed = ["pyproject.toml", "hatch_build.py", "README.md", "LICENSE", "NOTICE", "requirements.lock"]
     assert len(packages) > 200
     assert [name for name in [*needed, *packages] if not let_through(name)] == []
 

@@ -1,15 +1,18 @@
-"""The README says what the code does."""
+"""The README is short, says what the code does, and shows no stale table."""
+
+from __future__ import annotations
 
 import re
 from pathlib import Path
 
-import click
 import pytest
 
-from service.cli.main import main
-from simcore.scenario.parameters import markdown_table, parameters
+from simcore.scenario.parameters import parameters
+from tests.docs.sources import program
 
-README = (Path(__file__).parent.parent / "README.md").read_text()
+ROOT = Path(__file__).parent.parent
+README = (ROOT / "README.md").read_text(encoding="utf-8")
+LONGEST_BYTES = 8192
 
 
 def section(name: str) -> str:
@@ -19,9 +22,22 @@ def section(name: str) -> str:
     return found.group(1).strip()
 
 
-def test_parameter_table_is_that_of_the_model() -> None:
-    """Refresh it with `needlebench scenario --fields`."""
-    assert section("parameters") == markdown_table()
+def test_it_is_short() -> None:
+    assert len(README.encode()) <= LONGEST_BYTES
+
+
+@pytest.mark.parametrize("name", re.findall(r"<!-- /([a-z -]+) -->", README))
+def test_generated_sections_are_up_to_date(name: str) -> None:
+    """Refresh them with `python docs/refresh_readme.py`."""
+    assert section(name) == program("page_tables").part(name)
+
+
+def test_refreshing_changes_stale_sections_and_nothing_else() -> None:
+    refreshed = program("refresh_readme").refreshed
+    assert refreshed(README) == README
+    stale = README.replace(section("summary"), "stale")
+    assert stale != README
+    assert refreshed(stale) == README
 
 
 def test_every_default_has_a_source() -> None:
@@ -31,27 +47,28 @@ def test_every_default_has_a_source() -> None:
     assert untagged == []
 
 
-@pytest.mark.parametrize("command", re.findall(r"^needlebench (\w+)", README, re.MULTILINE))
-def test_commands_of_the_readme_exist(command: str) -> None:
-    assert command in main.list_commands(click.Context(main))
-
-
 def test_pictures_exist() -> None:
     pictures = re.findall(r"\]\(([\w/.-]+\.(?:png|svg))\)", README)
     assert pictures
-    assert all((Path(__file__).parent.parent / picture).is_file() for picture in pictures)
+    assert all((ROOT / picture).is_file() for picture in pictures)
+
+
+def test_it_says_what_it_is_not_and_whom_it_follows() -> None:
+    assert "research software and no medical device" in README
+    url = re.search(r'url: "(https://hal[^"]+)"', (ROOT / "CITATION.cff").read_text())
+    assert url
+    assert url[1] in README
 
 
 def test_every_test_named_beside_an_equation_exists() -> None:
     """simcore/README.md: file::test, or a bare test of the file named before it in the same cell."""
-    root = Path(__file__).parent
-    text = (root.parent / "simcore" / "README.md").read_text()
+    text = (ROOT / "simcore" / "README.md").read_text()
     missing = []
     for line in text.splitlines():
         file = None
         for name in re.findall(r"`(test_\w+\.py(?:::\w+)?|test_\w+)`", line):
             file, _, test = name.partition("::") if ".py" in name else (file, "", name)
-            source = next((root / "simcore").rglob(str(file)), root / "missing")
+            source = next((ROOT / "tests" / "simcore").rglob(str(file)), ROOT / "missing")
             if not source.is_file() or (test and f"def {test}(" not in source.read_text()):
                 missing.append(name)
     assert missing == []

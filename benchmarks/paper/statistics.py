@@ -44,7 +44,7 @@ class SignTest:
 
 
 def differences(first: Sequence[float] | Vector, second: Sequence[float] | Vector) -> Vector:
-    """first - second of paired errors; two failures are a tie."""
+    """Differences first - second of paired errors; two failures are a tie."""
     a, b = np.asarray(first, float), np.asarray(second, float)
     both = np.isinf(a) & np.isinf(b)
     result: Vector = np.subtract(a, b, out=np.zeros_like(a), where=~both)
@@ -52,7 +52,7 @@ def differences(first: Sequence[float] | Vector, second: Sequence[float] | Vecto
 
 
 def ratios(first: Sequence[float] | Vector, second: Sequence[float] | Vector) -> Vector:
-    """first / second of paired errors; two failures and two zeros are equal."""
+    """Ratios first / second of paired errors; two failures and two zeros are equal."""
     a, b = np.asarray(first, float), np.asarray(second, float)
     equal = a == b
     with np.errstate(divide="ignore"):
@@ -89,10 +89,10 @@ def quantile(values: Sequence[float] | Vector, share: float) -> float:
 
 def cluster_medians(values: Sequence[float] | Vector, clusters: Sequence[Hashable]) -> Vector:
     """Median of each cluster, in the order in which clusters appear first."""
-    found: dict[Hashable, list[float]] = {}
+    members: dict[Hashable, list[float]] = {}
     for value, cluster in zip(np.asarray(values, float), clusters, strict=True):
-        found.setdefault(cluster, []).append(float(value))
-    return np.array([middle(inner) for inner in found.values()])
+        members.setdefault(cluster, []).append(float(value))
+    return np.array([middle(inner) for inner in members.values()])
 
 
 # ---- tests
@@ -166,8 +166,8 @@ def wilson(hits: int, trials: int, confidence: float = CONFIDENCE) -> Interval:
     """Wilson's score interval of a share; everything from 0 to 1 without trials."""
     if not trials:
         return Interval(0.0, 1.0)
-    found = stats.binomtest(hits, trials).proportion_ci(confidence_level=confidence, method="wilson")
-    return Interval(float(found.low), float(found.high))
+    interval = stats.binomtest(hits, trials).proportion_ci(confidence_level=confidence, method="wilson")
+    return Interval(float(interval.low), float(interval.high))
 
 
 def bootstrap_median(

@@ -14,11 +14,11 @@ import numpy as np
 
 from service.limits import Limits
 from simcore.errors import Problem, ScenarioError
+from simcore.mesh.numbering import free_node_order, half_bandwidth, held_nodes
 from simcore.mesh.reader import load_mesh
 from simcore.scenario.blocks import Tissue
 from simcore.scenario.controller_blocks import InverseFem, SeparateModel
 from simcore.scenario.scenario import Scenario
-from simcore.tissue.model import free_node_order, half_bandwidth, held_nodes
 
 TYPICAL_STEP_S = 3e-3  # of a step, where no job has been measured yet
 BASE_MB = 400.0  # Python with every library of a job, Rerun too
@@ -148,6 +148,6 @@ def _box_size(tissue: Tissue) -> _Size:
 
 def _file_size(tissue: Tissue, name: str) -> _Size:
     mesh = load_mesh(name, unit_mm=tissue.mesh_unit_mm, names=tissue.fixed_sets, sha256=tissue.mesh_sha256)
-    unknown = free_node_order(mesh, held_nodes(mesh, tissue))
+    unknown = free_node_order(mesh, held_nodes(mesh, tissue.fixed_faces, tissue.fixed_sets))
     free = int(np.count_nonzero(unknown >= 0))
     return _Size(len(mesh.nodes_m), 3 * free, half_bandwidth(mesh.tets, unknown))

@@ -8,7 +8,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any, Literal
 
-from benchmarks.paper.table import Row, arms, grouped, main_rows, only
+from benchmarks.paper.table import Row, arms, by_group, main_rows, only
 from service.store.campaign import CampaignCase
 
 Column = Literal["number", "case", "state", "outcome", "rmse", "max", "final", "step"]
@@ -105,7 +105,7 @@ def scores(table: Sequence[Row]) -> list[Score]:
     """One for each group and controller of the main rows."""
     return [
         _score(group, arm, only(members, arm=arm))
-        for group, members in grouped(main_rows(table)).items()
+        for group, members in by_group(main_rows(table)).items()
         for arm in arms(members)
     ]
 

@@ -6,9 +6,9 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 from benchmarks.cases import Outcome
-from benchmarks.paper.analysis import floored
+from benchmarks.paper.analysis import at_floor
 from benchmarks.paper.comparison import Comparison, compare
-from benchmarks.paper.table import Row, arms, grouped, main_rows, only, rows
+from benchmarks.paper.table import Row, arms, by_group, main_rows, only, rows
 from service.campaigns.results import outcomes
 from service.store.campaign import UnknownCampaign
 from service.store.campaigns import CampaignStore
@@ -76,9 +76,9 @@ def between_controllers(results: Sequence[Outcome], first: str, second: str) -> 
 
 def _tests(names: tuple[str, str], first: Sequence[Row], second: Sequence[Row]) -> list[Comparison]:
     """One test for each group that both have and that can be tested."""
-    mine, theirs = grouped(first), grouped(second)
+    mine, theirs = by_group(first), by_group(second)
     tests = [
-        compare(mine[group], theirs[group], group=group, names=names, floor=floored([*mine[group], *theirs[group]]))
+        compare(mine[group], theirs[group], group=group, names=names, floor=at_floor([*mine[group], *theirs[group]]))
         for group in mine
         if group in theirs
     ]

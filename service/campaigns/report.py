@@ -9,7 +9,7 @@ from typing import Any
 from benchmarks.cases import Outcome
 from benchmarks.grid import page as grid_page
 from benchmarks.grid import report as grid_report
-from benchmarks.paper.failure_places import chosen
+from benchmarks.paper.failure_places import notable_cases
 from benchmarks.paper.page import html
 from benchmarks.paper.report import document
 from benchmarks.paper.table import rows
@@ -24,7 +24,7 @@ def report(campaign: Campaign, cases: Sequence[CampaignCase]) -> dict[str, Any]:
     provenance = _provenance(campaign, results)
     if axes := campaign.request.get("grid"):
         return grid_report.document(results, axes, name=campaign.name, links=links, provenance=provenance)
-    shown = {case_id: links[case_id] for case_id, _ in chosen(rows(results)) if case_id in links}
+    shown = {case_id: links[case_id] for case_id, _ in notable_cases(rows(results)) if case_id in links}
     return document(results, timing=results, recordings=shown, scale=campaign.name, provenance=provenance)
 
 

@@ -10,7 +10,7 @@ from typing import Any
 
 from benchmarks.cases import Outcome
 from benchmarks.paper.table import rows
-from benchmarks.trend import Judgement, Loss, Point, judged, lasting
+from benchmarks.trend import Judgement, Loss, Point, judge_all, lasting_losses
 from service.campaigns.results import origin, outcomes
 from service.store.campaign import Campaign
 from service.store.campaigns import CampaignStore
@@ -44,8 +44,8 @@ def trend(campaigns: CampaignStore, suite: str) -> SuiteTrend:
         for campaign, kept in campaigns.points(suite, limit=MOST_POINTS)
     ]
     points = [point for _, point in ended]
-    runs = [TrendRun(*one, mark) for one, mark in zip(ended, judged(points), strict=True)]
-    return SuiteTrend(suite, runs, lasting(points))
+    runs = [TrendRun(*one, mark) for one, mark in zip(ended, judge_all(points), strict=True)]
+    return SuiteTrend(suite, runs, lasting_losses(points))
 
 
 def kept_point(campaigns: CampaignStore, campaign: Campaign) -> Point:

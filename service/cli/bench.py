@@ -25,7 +25,7 @@ from simcore.errors import NeedlebenchError, Problem, ScenarioError
 
 if TYPE_CHECKING:
     from benchmarks.measurements import Table
-    from benchmarks.observed_run import Observed
+    from benchmarks.observed_run import ObservedRun
     from service.recording.observer import RerunObserver
     from service.worker import process as pool
     from simcore.scenario.scenario import Scenario
@@ -58,6 +58,13 @@ REGRESSION = 1
     type=click.Path(dir_okay=False, path_type=Path),
     help="Say what changed from report A to report B, and measure nothing.",
 )
+@click.option(
+    "--checkouts",
+    metavar="OLD NEW",
+    nargs=2,
+    type=click.Path(exists=True, file_okay=False, path_type=Path),
+    help="Run the same short timings in two checkouts of this project in turn; print the ratio pair by pair.",
+)
 def bench(
     names: tuple[str, ...],
     json_file: Path | None,
@@ -65,6 +72,7 @@ def bench(
     quick: bool,
     listed: bool,
     reports: tuple[Path, Path] | None,
+    checkouts: tuple[Path, Path] | None,
 ) -> None:
     """Measure how fast the simulator is, what it costs and what its results owe to the discretisation.
 
@@ -79,6 +87,12 @@ def bench(
     What changed:              needlebench bench --compare before.json after.json
     The convergence study:     needlebench bench convergence --out results/convergence
     Only whether it works:     needlebench bench micro --quick
+    Did my change cost time:   git worktree add ../before main
+                               needlebench bench --checkouts ../before .
+
+    Reports of different days also differ by what else the machine did. --checkouts compares in one run: fresh
+    processes in turn (old new, new old, ...), each with the code of one checkout and a kernel cache of its own that is
+    filled before; nine pairs, about five minutes. It decides nothing: the exit code is 0 whatever the ratio.
 
     \b
     Exit code: 0 done (a missed target is no error), or nothing got worse
@@ -88,13 +102,20 @@ def bench(
     one_thread()
     if reports is not None:
         click.get_current_context().exit(_compare(*reports))
-    from benchmarks.registry import BENCHMARKS, chosen
+    if checkouts is not None:
+        if names:
+            raise ScenarioError(
+                [Problem("NAME", names[0], "cannot be combined with --checkouts, which has its own timings")]
+            )
+        _compare_checkouts(*checkouts, json_file=json_file, quick=quick)
+        return
+    from benchmarks.registry import BENCHMARKS, select
 
     if listed:
         for name, benchmark in BENCHMARKS.items():
             click.echo(f"{name:<13}{benchmark.text}{' (when named)' if benchmark.study else ''}")
         return
-    _measure(chosen(names), json_file, folder, quick)
+    _measure(select(names), json_file, folder, quick)
 
 
 def _measure(names: list[str], json_file: Path | None, folder: Path, quick: bool) -> None:
@@ -103,7 +124,7 @@ def _measure(names: list[str], json_file: Path | None, folder: Path, quick: bool
 
     from benchmarks.bench_report import busy, document
     from benchmarks.measurements import figure_table
-    from benchmarks.ports import Tools
+    from benchmarks.ports import BenchPorts
     from benchmarks.registry import run_suite
     from simcore.rollout.artefacts import replace_atomically
 
@@ -115,7 +136,7 @@ def _measure(names: list[str], json_file: Path | None, folder: Path, quick: bool
         click.echo(f"needlebench: warning: {warning}", err=True)
     date = datetime.now(UTC).isoformat(timespec="seconds")
     with tempfile.TemporaryDirectory(prefix="needlebench-") as scratch, _progress() as say, threadpool_limits(1):
-        tools = Tools(
+        ports = BenchPorts(
             say=say,
             recorder=recorder,
             recorder_name="service.cli.bench:recorder",
@@ -123,7 +144,7 @@ def _measure(names: list[str], json_file: Path | None, folder: Path, quick: bool
             folder=Path(scratch),
             quick=quick,
         )
-        parts = run_suite(names, tools)
+        parts = run_suite(names, ports)
     report = document(parts, date=date, quick=quick, load_before=before, load_after=_load())
     for table in (figure_table(parts), *(table for part in parts.values() for table in part.tables)):
         _print(table)
@@ -218,12 +239,12 @@ class Crew:
             shutil.rmtree(folder, ignore_errors=True)
         return elapsed
 
-    def run_many(self, scenarios: Sequence[Scenario]) -> list[Observed]:
+    def run_many(self, scenarios: Sequence[Scenario]) -> list[ObservedRun]:
         """Each worker takes the next scenario that nobody has."""
         from benchmarks.observed_run import JOB, load
 
         waiting = iter(enumerate(scenarios))
-        results: dict[int, Observed] = {}
+        results: dict[int, ObservedRun] = {}
         turn = threading.Lock()
 
         def work(workman: pool.Worker) -> None:
@@ -267,7 +288,7 @@ def _print(table: Table) -> None:
     from rich.markup import escape
     from rich.table import Table as Grid
 
-    from benchmarks.measurements import shown
+    from benchmarks.measurements import cell_text
 
     console = Console(highlight=False, width=None if sys.stdout.isatty() else WIDTH)
     if table.title:
@@ -277,7 +298,7 @@ def _print(table: Table) -> None:
         text = all(isinstance(row[i], str) for row in table.rows)
         grid.add_column(column, justify="left" if text else "right", overflow="fold", no_wrap=i == 0)
     for row in table.rows:
-        cells = [escape(shown(value)) for value in row]
+        cells = [escape(cell_text(value)) for value in row]
         grid.add_row(*(f"[{COLOURS[cell]}]{cell}[/]" if cell in COLOURS else cell for cell in cells))
     console.print(grid, "")
 
@@ -298,3 +319,21 @@ def _compare(first: Path, second: Path) -> int:
     worse = regressions(changes)
     click.echo(f"{len(worse)} of {len(changes)} figures got worse" if worse else "nothing got worse")
     return REGRESSION if worse else 0
+
+
+def _compare_checkouts(old: Path, new: Path, *, json_file: Path | None, quick: bool) -> None:
+    """Run both, print the ratios, write every value."""
+    from benchmarks.bench_report import busy
+    from benchmarks.performance.checkouts import checkout_table, compare_checkouts
+    from simcore.rollout.artefacts import replace_atomically
+
+    if json_file is not None:
+        _writable(json_file.parent, "--json")
+    if warning := busy(_load()):
+        click.echo(f"needlebench: warning: {warning}", err=True)
+    with tempfile.TemporaryDirectory(prefix="needlebench-") as scratch, _progress() as say:
+        comparison = compare_checkouts(old, new, scratch=Path(scratch), say=say, quick=quick)
+    _print(checkout_table(comparison))
+    if json_file is not None:
+        replace_atomically(json_file, functools.partial(_fill, json.dumps(comparison.as_json(), indent=2) + "\n"))
+        click.echo(json_file)

@@ -23,6 +23,7 @@ if TYPE_CHECKING:
     from simcore.rollout.dataset import Dataset
 
 FILE = click.Path(dir_okay=False, path_type=Path)
+EXAMPLES = {"controller": "controller.txt", "mesh": "mesh.msh"}
 
 
 def free_to_write(path: Path, *, force: bool) -> None:
@@ -69,16 +70,15 @@ def dataset(
     goes on from there.
     """
     one_thread()
-    from benchmarks.learning.training_insertions import cases
-    from benchmarks.learning.training_insertions import dataset as gather
+    from benchmarks.learning.training_insertions import collect_dataset, training_insertions
     from service.local.dataset_runs import Kept
     from simcore.rollout.dataset import save_dataset
     from simcore.scenario.presets import with_changes
 
     free_to_write(path, force=force)
-    chosen = cases(insertions=insertions, seed=seed, changes=with_changes({}, list(changes)))
+    chosen = training_insertions(insertions=insertions, seed=seed, changes=with_changes({}, list(changes)))
     kept = Kept(path.with_name(f"{path.name}.parts"))
-    data = gather(chosen, lambda these: shown(these, workers, kept), samples=samples, seed=seed)
+    data = collect_dataset(chosen, lambda these: shown(these, workers, kept), samples=samples, seed=seed)
     save_dataset(data, path)
     shutil.rmtree(kept.folder, ignore_errors=True)
     failed = [i["id"] for i in data.provenance["insertions"] if i["status"] != "completed"]
@@ -181,7 +181,7 @@ def train(source: Path, path: Path, kind: str, split: str, samples: int | None, 
 
     from threadpoolctl import threadpool_limits
 
-    from benchmarks.learning.training import trained
+    from benchmarks.learning.training import train_model
     from simcore.rollout.artefacts import replace_atomically
 
     free_to_write(path, force=force)
@@ -189,7 +189,7 @@ def train(source: Path, path: Path, kind: str, split: str, samples: int | None, 
     with source.open("rb") as file:
         sha256 = hashlib.file_digest(file, "sha256").hexdigest()
     with threadpool_limits(1):
-        done = trained(data, _regressor(kind, **asked), split=split, samples=samples, data_sha256=sha256)
+        done = train_model(data, _regressor(kind, **asked), split=split, samples=samples, data_sha256=sha256)
     text = done.model.text().encode()
     replace_atomically(path, lambda file: file.write(text))
     told = done.model.provenance
@@ -229,12 +229,16 @@ def layers_of(text: str) -> list[int]:
 
 
 @click.command()
-@click.argument("name", type=click.Choice(["controller"]))
+@click.argument("name", type=click.Choice(list(EXAMPLES)))
 def example(name: str) -> None:
-    """Print an example that runs as it is, to begin with.
+    """Print an example that works as it is, as a starting point.
 
     \b
     A controller of your own: needlebench example controller > mine.py
                               python mine.py
+    A mesh of your own:       needlebench example mesh > barrel.msh
+
+    The mesh is a barrel with a domed top, in millimetres, with the groups top, side, base and tissue. The needle
+    enters at the top, the origin, and goes down along +z.
     """
-    click.echo((Path(__file__).parent / "examples" / f"{name}.txt").read_text(encoding="utf-8"), nl=False)
+    click.echo((Path(__file__).parent / "examples" / EXAMPLES[name]).read_text(encoding="utf-8"), nl=False)

@@ -23,7 +23,7 @@ if TYPE_CHECKING:
 
     from benchmarks.cases import Outcome
     from benchmarks.paper.pipeline import Findings
-    from benchmarks.paper.plan import Cost, Plan, Stage
+    from benchmarks.paper.plan import Plan, Stage, StepCost
     from benchmarks.paper.scale import Scale
     from service.local.paper_run import Watcher
     from service.worker.crew import Crew
@@ -138,7 +138,7 @@ def read_scale(name: str) -> Scale:
 
 def trainer(plan: Plan) -> Callable[[str, int, Dataset], str]:
     """Trains a model of a kind, seed and data set; the text of its file."""
-    from benchmarks.learning.training import trained
+    from benchmarks.learning.training import train_model
     from service.worker.network_trainer import train_network
     from simcore import learning
 
@@ -149,7 +149,7 @@ def trainer(plan: Plan) -> Callable[[str, int, Dataset], str]:
             "neighbours": learning.NearestNeighbours,
             "mlp": lambda: learning.MultilayerPerceptron(seed=seed, trainer=train_network),
         }
-        return trained(data, makers[kind](), split="sample").model.text()
+        return train_model(data, makers[kind](), split="sample").model.text()
 
     return train
 
@@ -160,12 +160,12 @@ def trainer(plan: Plan) -> Callable[[str, int, Dataset], str]:
 def write_report(findings: Findings, plan: Plan, path: Path, *, wall_s: float, workers: int) -> None:
     """report.html, report.json, insertions.csv, predictions.csv."""
     from benchmarks.paper import report
-    from benchmarks.paper.pipeline import commits, cpu_seconds, of_the_paper
+    from benchmarks.paper.pipeline import commits, cpu_seconds, paper_outcomes
     from service.local.paper_folder import write_text
     from simcore.provenance import provenance
 
     write_text(path / "predictions.csv", predictions_csv(findings))
-    origin, own = provenance(findings.outcomes[0].case.scenario), of_the_paper(findings)
+    origin, own = provenance(findings.outcomes[0].case.scenario), paper_outcomes(findings)
     del origin["scenario"], origin["seed"]
     origin |= {
         "scale": plan.scale.model_dump(mode="json"),
@@ -202,7 +202,7 @@ def predictions_csv(findings: Findings) -> str:
 # ---- what is shown
 
 
-def _tell(plan: Plan, workers: int, crew: Crew) -> Cost:
+def _tell(plan: Plan, workers: int, crew: Crew) -> StepCost:
     """Measure what a step costs, print the plan; the cost."""
     from service.local.paper_run import measured_cost
 
@@ -224,7 +224,7 @@ def _minutes(seconds: float) -> str:
 
 
 @contextmanager
-def _watching(plan: Plan, cost: Cost, workers: int) -> Iterator[Watcher]:
+def _watching(plan: Plan, cost: StepCost, workers: int) -> Iterator[Watcher]:
     """A bar with the time left on a terminal, lines elsewhere."""
     share = {case.id: cost.of(case) / (1 if stage.alone else workers) for stage in plan.stages for case in stage.cases}
     if not sys.stderr.isatty():

@@ -23,7 +23,7 @@ class NotLearned(NeedlebenchError, ValueError):
 
 def model_content(path: Path) -> dict[str, Any]:
     """Kind, settings and provenance of a model's file. Raises NotLearned."""
-    from simcore.learning.trained import MAXIMUM_MB, REGRESSORS, ModelFault, TrainedModel, parse_model
+    from simcore.learning.trained import MAXIMUM_MB, REGRESSORS, ModelFaultError, TrainedModel, parse_model
 
     if path.stat().st_size > MAXIMUM_MB * 1e6:
         raise NotLearned(f"it holds {path.stat().st_size / 1e6:.0f} MB, at most {MAXIMUM_MB} are allowed")
@@ -33,7 +33,7 @@ def model_content(path: Path) -> dict[str, Any]:
         raise NotLearned(f"it is a model of kind {str(kind)[:100]!r}, known are {', '.join(REGRESSORS)}")
     try:
         model: TrainedModel = parse_model(data, kind)
-    except ModelFault as wrong:
+    except ModelFaultError as wrong:
         raise NotLearned(f"it {wrong}") from None
     regressor = model.regressor
     _make_sure_of_settings(kind, regressor.settings())

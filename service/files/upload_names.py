@@ -5,7 +5,7 @@ from __future__ import annotations
 import re
 from pathlib import Path
 
-from simcore.file_names import NoSuchFile
+from simcore.file_names import NoSuchFileError
 
 SCHEME = "artefact:"
 SUFFIXES = {
@@ -26,15 +26,15 @@ class UploadLookup:
         self.used: set[str] = set()
 
     def __call__(self, name: str) -> Path:
-        """The file. Raises NoSuchFile; a name that is no id is not looked at any further."""
+        """The file. Raises NoSuchFileError; a name that is no id is not looked at any further."""
         upload_id = name.removeprefix(SCHEME)
         if not name.startswith(SCHEME) or not re.fullmatch(UPLOAD_ID, upload_id):
-            raise NoSuchFile(
+            raise NoSuchFileError(
                 "names a file on this machine, which is not accepted here: send the file with `needlebench upload` "
                 f"and write {SCHEME}ID"
             )
         path = self._folder / upload_id
         if not path.is_file():
-            raise NoSuchFile("is no upload of this service, or was deleted: send the file with `needlebench upload`")
+            raise NoSuchFileError("is no upload of this service, or was deleted: `needlebench upload` sends the file")
         self.used.add(upload_id)
         return path

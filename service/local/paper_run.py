@@ -12,9 +12,9 @@ from typing import Any, Protocol
 
 import numpy as np
 
-from benchmarks.cases import Case, Outcome, RunMany
-from benchmarks.paper import pipeline as paper
-from benchmarks.paper.plan import Cost, Plan, Stage, probes, steps
+from benchmarks.cases import Case, Outcome
+from benchmarks.paper.pipeline import Findings, rerun
+from benchmarks.paper.plan import Plan, Stage, StepCost, probes, steps
 from service.local.paper_folder import RECORDINGS, SCHEMA, SERIES, PaperFolder, write_text
 from service.worker.crew import RECORDING, Crew
 from simcore.errors import NeedlebenchError, Problem, ScenarioError
@@ -53,7 +53,7 @@ def identity(plan: Plan) -> dict[str, Any]:
     return {"schema": SCHEMA, "scale": scale, "plan_sha256": plan.sha256, "commit": commit()}
 
 
-def measured_cost(plan: Plan, crew: Crew) -> Cost:
+def measured_cost(plan: Plan, crew: Crew) -> StepCost:
     """CPU seconds of a step, from two insertions at the plan's discretisation. Raises NoCost."""
     each = {}
     with tempfile.TemporaryDirectory(prefix="needlebench-") as scratch:
@@ -61,7 +61,7 @@ def measured_cost(plan: Plan, crew: Crew) -> Cost:
             if "cost" not in outcome.result:
                 raise NoCost(f"{outcome.case.id}: {outcome.result['message']}")
             each[outcome.case.id] = outcome.result["cost"]["cpu_s"] / steps(outcome.case)
-    return Cost(ifem_s=each["probe-ifem"], plain_s=each["probe-plain"])
+    return StepCost(ifem_s=each["probe-ifem"], plain_s=each["probe-plain"])
 
 
 def enough_space(plan: Plan, path: Path) -> None:
@@ -85,47 +85,57 @@ class PaperRun:
     watcher: Watcher
     train: Callable[[str, int, Dataset], str]
 
-    def run(self) -> paper.Findings:
+    def run(self) -> Findings:
         """Every stage; what the folder already has is not run again."""
         root = self.folder.path
         with names_mean(lambda name: root / name):
-            return paper.rerun(self.plan, self._hands())
+            return rerun(self.plan, self)
 
-    def _hands(self) -> paper.Hands:
-        return paper.Hands(
-            run_many=self._run(alone=False),
-            run_alone=self._run(alone=True),
-            begin=self.watcher.begin,
-            table=self._table,
-            keep=lambda data: save_dataset(data, self.folder.path / DATASET),
-            train=self.train,
-            store=lambda name, text: write_text(self.folder.path / name, text),
-            stored=lambda name: (self.folder.path / name).exists(),
-            record=self._record,
-        )
+    # ---- the ports of the stages (`PaperPorts`)
 
-    def _run(self, *, alone: bool) -> RunMany:
-        """`run_many` of what is not in the folder yet, told to the watcher."""
+    def run_many(self, cases: Sequence[Case]) -> Iterator[Outcome]:
+        """On all workers."""
+        return self._run(cases, alone=False)
 
-        def run(cases: Sequence[Case]) -> Iterator[Outcome]:
-            new: set[str] = set()
+    def run_alone(self, cases: Sequence[Case]) -> Iterator[Outcome]:
+        """One after the other."""
+        return self._run(cases, alone=True)
 
-            def fresh(left: Sequence[Case]) -> Iterator[Outcome]:
-                new.update(case.id for case in left)
-                with closing(self.crew.run_many(left, alone=alone)) as outcomes:
-                    yield from outcomes
+    def _run(self, cases: Sequence[Case], *, alone: bool) -> Iterator[Outcome]:
+        """Run what is not in the folder yet, and report everything to the watcher."""
+        new: set[str] = set()
 
-            for outcome in self.folder.remembering(fresh)(cases):
-                self.watcher.ended(outcome, fresh=outcome.case.id in new)
-                yield outcome
+        def fresh(left: Sequence[Case]) -> Iterator[Outcome]:
+            new.update(case.id for case in left)
+            with closing(self.crew.run_many(left, alone=alone)) as outcomes:
+                yield from outcomes
 
-        return run
+        for outcome in self.folder.remembering(fresh)(cases):
+            self.watcher.ended(outcome, fresh=outcome.case.id in new)
+            yield outcome
 
-    def _table(self, case: Case) -> Table:
+    def begin(self, stage: Stage) -> None:
+        """Announce a stage."""
+        self.watcher.begin(stage)
+
+    def table(self, case: Case) -> Table:
+        """Table I, from the series in the folder."""
         with np.load(self.folder.path / SERIES / f"{case.id}.npz", allow_pickle=False) as file:
             return table_one(file)
 
-    def _record(self, outcomes: Sequence[Outcome]) -> dict[str, str]:
+    def keep(self, data: Dataset) -> None:
+        """Save the data set."""
+        save_dataset(data, self.folder.path / DATASET)
+
+    def store(self, name: str, text: str) -> None:
+        """Write a file of the folder."""
+        write_text(self.folder.path / name, text)
+
+    def stored(self, name: str) -> bool:
+        """Whether the folder has the file."""
+        return (self.folder.path / name).exists()
+
+    def record(self, outcomes: Sequence[Outcome]) -> dict[str, str]:
         """Recordings by case id, relative to the folder. Raises NotReproduced for a digest that is not the first."""
         names = {outcome.case.id: f"{RECORDINGS}/{outcome.case.id}.rrd" for outcome in outcomes}
         before = {outcome.case.id: outcome.result["digest"] for outcome in outcomes}

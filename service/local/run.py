@@ -20,7 +20,7 @@ from simcore.scenario.scenario import Scenario
 if TYPE_CHECKING:
     from rich.progress import Progress, TaskID
 
-    from simcore.rollout.rollout import Rollout
+    from simcore.rollout.result import Rollout
 
 RESULT = "result.json"
 

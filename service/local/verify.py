@@ -14,12 +14,12 @@ from numpy.typing import NDArray
 from service.files.upload_names import SCHEME, UPLOAD_ID
 from service.worker.attempt import clean
 from simcore.errors import NeedlebenchError
-from simcore.file_names import NoSuchFile, names_mean
+from simcore.file_names import NoSuchFileError, names_mean
 from simcore.provenance import provenance
 
 if TYPE_CHECKING:
     from simcore.rollout.records import Observer
-    from simcore.rollout.rollout import Rollout
+    from simcore.rollout.result import Rollout
 
 EQUAL_MM = 1e-6  # of the tip's path: what another processor or library may change in a stable run
 Arrays = Mapping[str, NDArray[Any]]
@@ -72,14 +72,14 @@ class Files:
         self._folder = folder
 
     def __call__(self, name: str) -> Path:
-        """The file. Raises NoSuchFile."""
+        """The file. Raises NoSuchFileError."""
         if not name.startswith(SCHEME):
             return Path(name)
         place = "it is not known of which" if self._folder is None else f"{self._folder} does not have it"
         found = None if self._folder is None else self._folder / name.removeprefix(SCHEME)
         if found is None or not re.fullmatch(UPLOAD_ID, found.name) or not found.is_file():
             message = "is an upload of a service, and {}: give the service's data folder by --data, or verify its job"
-            raise NoSuchFile(message.format(place))
+            raise NoSuchFileError(message.format(place))
         return found
 
 
@@ -143,7 +143,7 @@ def compare(result: Mapping[str, Any], series: Arrays | None, again: Rollout) ->
 
 def first_difference(before: Arrays, now: Arrays) -> Difference | None:
     """The first row in which an array that has one row a step differs, the tip's path before others of that row."""
-    from simcore.rollout.rollout import UNDIGESTED
+    from simcore.rollout.result import UNDIGESTED
 
     found = []
     for name in sorted(before.keys() & now.keys() - set(UNDIGESTED), key=lambda name: (name != "tip_m", name)):

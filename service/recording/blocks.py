@@ -17,7 +17,8 @@ from numpy.typing import NDArray
 from service.recording.colors import Colors, displacement_colors
 from service.recording.entities import Drawing
 from service.recording.plots import PLOTS, Moment, Step
-from simcore.rollout.records import StepRecord, Vector
+from simcore.arrays import Floats
+from simcore.rollout.records import StepRecord
 
 Vector32 = NDArray[np.float32]
 Coloured = tuple[Vector32, Colors]  # positions (v, 3) m and colours (v,) of the nodes of a mesh
@@ -35,7 +36,7 @@ class Frame(NamedTuple):
     edges: Vector32  # (e, 2, 3)
 
     @classmethod
-    def of(cls, drawing: Drawing, row: int, nodes_m: Vector) -> Frame:
+    def of(cls, drawing: Drawing, row: int, nodes_m: Floats) -> Frame:
         """Of the tissue's nodes (n, 3) m."""
         outer, cut = drawing.surface, drawing.section
         shell = _coloured(nodes_m.take(outer.nodes, axis=0), drawing.surface_rest_m)
@@ -43,7 +44,7 @@ class Frame(NamedTuple):
         return cls(row, shell, plane, nodes_m.take(outer.edges, axis=0).astype(np.float32))
 
 
-def _coloured(moved_m: Vector, rest_m: Vector) -> Coloured:
+def _coloured(moved_m: Floats, rest_m: Floats) -> Coloured:
     return moved_m.astype(np.float32), displacement_colors(moved_m - rest_m)
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from simcore.rollout.records import Vector
+from simcore.arrays import Floats
 
 Colors = NDArray[np.uint32]
 
@@ -16,7 +16,7 @@ _LEVELS = np.linspace(0.0, 1.0, 5)
 _COLOR_MAP = np.array([[58, 76, 110], [48, 132, 150], [120, 190, 110], [248, 208, 80], [240, 84, 60]], float)
 
 
-def displacement_colors(moved_m: Vector) -> Colors:
+def displacement_colors(moved_m: Floats) -> Colors:
     """(n,) colours 0xRRGGBBAA of displacements (n, 3) m, from none to DISPLACEMENT_SCALE_M and beyond."""
     x, y, z = moved_m.T
     level = np.sqrt(x * x + y * y + z * z) / DISPLACEMENT_SCALE_M

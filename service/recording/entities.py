@@ -10,7 +10,8 @@ import rerun as rr
 from service.recording.colors import GREEN, GREY, MAGENTA, ORANGE, STEEL, WHITE, YELLOW
 from service.recording.plots import PLOTS
 from service.recording.section import Section, Surface, section, surface
-from simcore.rollout.records import Scene, Vector
+from simcore.arrays import Floats
+from simcore.rollout.records import Scene
 
 SECTION_BEHIND_M = 3e-3  # so that it does not cut the needle in half
 
@@ -22,8 +23,8 @@ class Drawing:
     scene: Scene
     surface: Surface
     section: Section
-    surface_rest_m: Vector  # (v, 3) of the surface's nodes
-    section_rest_m: Vector  # (s, 3) of the section's points
+    surface_rest_m: Floats  # (v, 3) of the surface's nodes
+    section_rest_m: Floats  # (s, 3) of the section's points
 
     @classmethod
     def of(cls, scene: Scene) -> Drawing:

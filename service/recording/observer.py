@@ -34,7 +34,7 @@ from service.recording.layout import blueprint
 from simcore.rollout.records import Scene, StepRecord
 
 if TYPE_CHECKING:
-    from simcore.rollout.rollout import Rollout
+    from simcore.rollout.result import Rollout
 
 APPLICATION = "needlebench"
 BLOCK_S = 1.0  # of wall time that a step may wait before it is sent

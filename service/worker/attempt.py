@@ -27,7 +27,7 @@ from service.worker.training_job import MODEL
 
 if TYPE_CHECKING:
     from simcore.rollout.records import Observer, Scene, StepRecord
-    from simcore.rollout.rollout import Rollout
+    from simcore.rollout.result import Rollout
     from simcore.scenario.scenario import Scenario
 
 KINDS = {"result.json": "result", "series.npz": "series", "recording.rrd": "recording", LOG: "log"}

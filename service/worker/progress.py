@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from simcore.rollout.records import Scene, StepRecord
-    from simcore.rollout.rollout import Rollout
+    from simcore.rollout.result import Rollout
 
 NAME = "progress.json"
 INTERVAL_S = 0.5

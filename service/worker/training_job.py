@@ -36,7 +36,7 @@ def train_job(spec: dict[str, Any], artefact_dir: Path) -> dict[str, Any]:
     """
     from threadpoolctl import threadpool_limits
 
-    from benchmarks.learning.training import trained
+    from benchmarks.learning.training import train_model
     from service.files.upload_names import UploadLookup
     from simcore.rollout.artefacts import replace_atomically
     from simcore.rollout.dataset import load_dataset
@@ -51,7 +51,7 @@ def train_job(spec: dict[str, Any], artefact_dir: Path) -> dict[str, Any]:
     _tell(artefact_dir, 1)
     begun = time.perf_counter()
     with threadpool_limits(1):
-        done = trained(
+        done = train_model(
             data,
             untrained(training["kind"], training["settings"]),
             split=training["split"],

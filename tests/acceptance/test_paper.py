@@ -18,7 +18,7 @@ from click.testing import CliRunner
 from benchmarks.cases import Case, Outcome
 from benchmarks.paper.plan import Plan
 from benchmarks.paper.scale import SCALES, Scale
-from benchmarks.paper.suites import drafts, resolved
+from benchmarks.paper.suites import drafts, resolve_cases
 from service.cli.main import main
 from service.cli.paper import read_scale
 from service.local.paper_folder import PaperFolder, opened
@@ -122,7 +122,7 @@ def check_report(folder: Path, insertions: int) -> None:
 @pytest.mark.slow
 def test_the_smoke_suite_run_twice_is_bit_identical(tmp_path: Path) -> None:
     wanted = {"lin-000-ifem", "lin-000-open_loop", "lin-noise-000-ifem", "cur-000+x-ifem", "cur-001-x-rigid"}
-    cases = resolved([case for case in drafts("paper-v1-smoke") if case.id in wanted])
+    cases = resolve_cases([case for case in drafts("paper-v1-smoke") if case.id in wanted])
     assert len(cases) == len(wanted)
     with Crew(2, folder=tmp_path, files=tmp_path) as crew:
         runs = [{o.case.id: o.result for o in crew.run_many(order)} for order in (cases, cases[::-1])]
@@ -145,7 +145,7 @@ def content(folder: Path) -> dict[str, bytes]:
 
 def test_a_run_is_extended_to_another_scale_and_keeps_what_it_has(tmp_path: Path) -> None:
     folder = tmp_path / "run"
-    (case, *_) = resolved([case for case in plan().stages[1].cases if case.id == "lin-000-ifem"])
+    (case, *_) = resolve_cases([case for case in plan().stages[1].cases if case.id == "lin-000-ifem"])
     with opened(folder, identity(plan())) as first:
         first.keep(Outcome(case, {"status": "completed", "provenance": {"scenario": case.scenario}}))
     for _ in range(2):

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from benchmarks.learning.training import trained
+from benchmarks.learning.training import train_model
 from service.worker.training_job import untrained
 from simcore.rollout.dataset import VARIABLES, Dataset, gathered
 from simcore.scenario.scenario import Scenario
@@ -34,4 +34,4 @@ def dataset_bytes(**changes: int) -> bytes:
 
 def model_bytes(kind: str, **settings: Any) -> bytes:
     """A model that was trained on `dataset()`."""
-    return trained(dataset(), untrained(kind, settings), split="sample", data_sha256="0" * 64).model.text().encode()
+    return train_model(dataset(), untrained(kind, settings), split="sample", data_sha256="0" * 64).model.text().encode()

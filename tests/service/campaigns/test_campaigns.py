@@ -225,7 +225,7 @@ def test_a_trend_marks_what_got_worse(both: tuple[TestClient, Service]) -> None:
     assert http.get("/api/v1/trends").json()["items"] == ["two by two"]
     points = http.get("/api/v1/trends/two by two").json()["points"]
     assert [point["regression"] for point in points] == [False, False, True]
-    assert points[1]["accuracy_why"] == "all 4 digests as before"
+    assert points[1]["accuracy_why"] == "all 4 digests unchanged"
     ended(both, state=FAILED)
     trend = http.get("/api/v1/trends/two by two").json()
     assert trend["points"][-1]["regression"] is False

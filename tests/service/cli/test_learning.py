@@ -16,12 +16,13 @@ import pytest
 from click.testing import CliRunner, Result
 
 from benchmarks.cases import Case
-from benchmarks.learning.training_insertions import Insertion, cases
+from benchmarks.learning.training_insertions import Insertion, training_insertions
 from service.cli import learning as cli_learn
 from service.cli.main import main
 from service.local import dataset_runs as local_many
 from service.local.dataset_runs import Kept
 from simcore.learning import parse_model
+from simcore.mesh.reader import load_mesh
 from simcore.rollout.dataset import VARIABLES, load_dataset
 
 COARSE = ("--set", "tissue.element_size_mm=12", "--set", "dt_s=0.05")
@@ -84,14 +85,14 @@ def test_fewer_steps_than_samples_are_said(tmp_path: Path) -> None:
 
 def test_what_was_kept_is_found_again_and_only_that(tmp_path: Path) -> None:
     kept = Kept(tmp_path / "parts")
-    one, two = cases(insertions=2, seed=0)
+    one, two = training_insertions(insertions=2, seed=0)
     kept.keep(Insertion(one, table(1), "completed", "abc"))
     again = kept.find(one)
     assert again is not None
     assert (again.status, again.digest) == ("completed", "abc")
     np.testing.assert_array_equal(again.table["tip_m"], table(1)["tip_m"])
     assert kept.find(two) is None
-    assert kept.find(cases(insertions=2, seed=1)[0]) is None
+    assert kept.find(training_insertions(insertions=2, seed=1)[0]) is None
     next((tmp_path / "parts").glob("*.npz")).write_bytes(b"torn")
     assert kept.find(one) is None
 
@@ -106,7 +107,7 @@ def test_real_insertions_a_model_of_them_and_a_run_by_it(tmp_path: Path) -> None
     done = invoke("dataset", "--out", tmp_path / "data.npz", "--insertions", 15, *COARSE)
     assert done.exit_code == 0, done.output
     found = load_dataset(tmp_path / "data.npz")
-    middle = cases(insertions=15, seed=0, changes=coarse_changes())[1]
+    middle = training_insertions(insertions=15, seed=0, changes=coarse_changes())[1]
     here = run(Scenario.load(middle.scenario))
     assert found.provenance["insertions"][1]["digest"] == here.digest
     np.testing.assert_array_equal(
@@ -223,3 +224,34 @@ def test_the_example_runs_as_it_is_and_beats_the_rigid_needle(tmp_path: Path) ->
     assert rigid.startswith("rigid completed")
     assert plugin.startswith("plugin completed")
     assert float(plugin.split()[-2]) < float(rigid.split()[-2])
+
+
+def test_the_example_mesh_is_small_and_has_named_groups(tmp_path: Path) -> None:
+    """What is printed is a mesh that the reader takes, with every group that the help names."""
+    text = invoke("example", "mesh").output
+    assert len(text) < 100_000
+    (tmp_path / "barrel.msh").write_text(text)
+    names = ("top", "side", "base", "tissue")
+    mesh = load_mesh(str(tmp_path / "barrel.msh"), unit_mm=1.0, names=names, sha256=None)
+    assert len(mesh.nodes_m) == 488
+    z = mesh.nodes_m[:, 2]
+    np.testing.assert_allclose(z[mesh.sets["base"]], 0.06)
+    assert z[mesh.sets["top"]].min() == 0.0
+    assert len(mesh.sets["tissue"]) == len(mesh.nodes_m)
+    assert "needlebench example mesh" in str(cli_learn.example.help)
+
+
+@pytest.mark.slow
+def test_a_needle_is_steered_in_the_example_mesh(tmp_path: Path) -> None:
+    from simcore.rollout.rollout import run
+    from simcore.scenario.scenario import Scenario
+
+    (tmp_path / "barrel.msh").write_text(invoke("example", "mesh").output)
+    tissue = {"mesh_file": str(tmp_path / "barrel.msh"), "fixed_sets": ["base"]}
+    path = {"kind": "line", "entry_mm": [0, 0, 0], "target_mm": [4, 3, 45]}
+    steered, pushed = (
+        run(Scenario.load({"dt_s": 0.02, "tissue": tissue, "trajectory": path, "controller": {"kind": kind}}))
+        for kind in ("ifem", "open_loop")
+    )
+    assert steered.success
+    assert steered.metrics["rmse_mm"] < 0.05 * pushed.metrics["rmse_mm"]

@@ -16,7 +16,8 @@ from service.local.verify import CannotVerify, changed, compare, first_differenc
 from service.store.job import Outcome
 from service.worker.attempt import run_job
 from simcore.rollout import artefacts
-from simcore.rollout.rollout import Rollout, digest, run
+from simcore.rollout.result import Rollout, digest
+from simcore.rollout.rollout import run
 from simcore.scenario.scenario import Scenario
 from tests.service.http import idle_service
 from tests.service.learned import model_bytes

@@ -26,7 +26,8 @@ from service.recording.colors import DISPLACEMENT_SCALE_M, displacement_colors
 from service.recording.observer import RerunObserver, optimize
 from service.recording.plots import PLOTS, Moment, Step
 from service.worker.attempt import Together
-from simcore.rollout.records import Scene, StepRecord, Vector
+from simcore.arrays import Floats
+from simcore.rollout.records import Scene, StepRecord
 from simcore.scenario.scenario import Scenario
 from tests.service.fake_run import FakeRollout, FakeRun
 
@@ -120,7 +121,7 @@ def test_the_fake_run_overwrites_what_it_handed_out() -> None:
 
 def test_positions_are_recorded_exactly(kept: tuple[Path, Keeper]) -> None:
     path, keeper = kept
-    entities: dict[tuple[str, str], Callable[[StepRecord], Vector]] = {
+    entities: dict[tuple[str, str], Callable[[StepRecord], Floats]] = {
         ("world/tip", "Points3D:positions"): lambda r: r.tip_m[None],
         ("world/target", "Points3D:positions"): lambda r: r.target_m[None],
         ("world/needle", "LineStrips3D:strips"): lambda r: r.shaft_m[None],

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from service.recording.section import path_plane, section, surface
-from simcore.rollout.records import Indices, Vector
+from simcore.arrays import Floats, Ints
 from simcore.scenario.presets import preset
 from simcore.scenario.scenario import Scenario
 from tests.service.fake_run import box_mesh
@@ -15,9 +15,9 @@ SIZE_M = np.array([0.036, 0.062, 0.122])
 STRAIGHT = np.array([[0.018, 0.031, 0.0], [0.018, 0.031, 0.122]])
 
 
-def areas(points: Vector, triangles: Indices) -> Vector:
+def areas(points: Floats, triangles: Ints) -> Floats:
     a, b, c = points[triangles].transpose(1, 0, 2)
-    found: Vector = 0.5 * np.linalg.norm(np.cross(b - a, c - a), axis=1)
+    found: Floats = 0.5 * np.linalg.norm(np.cross(b - a, c - a), axis=1)
     return found
 
 

@@ -1,142 +1,17 @@
-"""Line and box plots as SVG, without a plotting library: panels in a grid, linear and logarithmic axes, a legend each.
-
-Every colour has a class beside it (`ink`, `pale`, `grid`, `paper`, `halo`, `band`, `s0` ... `s7`), so that the style
-sheet of a page may replace it, in the dark for one.
-"""
+"""Panels drawn: bands, grid, curves with their shadows, boxes, a legend each."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
-from xml.sax.saxutils import escape
 
-COLOURS = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#e69f00", "#56b4e9", "#555555", "#8c6d31")  # Okabe and Ito
-INK, PALE, GRID = "#222222", "#666666", "#e4e4e4"
-FONT = "font-family='system-ui, -apple-system, Segoe UI, Helvetica, Arial, sans-serif'"
+from benchmarks.svg_plot.axis import Axis, fitted_axis
+from benchmarks.svg_plot.elements import COLOURS, GRID, INK, PALE, number, picture, text
+from benchmarks.svg_plot.panel import BoxMark, Line, Panel
+
 LEFT, RIGHT, TOP, BOTTOM = 68, 14, 34, 44  # px around the axes of a panel
 LEGEND_ROW, GLYPH = 16, 6.1  # px: height of a row, mean width of a letter at size 11
 HEAD = 34  # px above the panels for the title of the whole
-
-
-@dataclass(frozen=True)
-class Line:
-    """One curve; a point that is not finite (or not positive on a logarithmic axis) interrupts it. spread: lowest and
-    highest value at each x, drawn as a shadow."""
-
-    label: str
-    x: Sequence[float]
-    y: Sequence[float]
-    dashed: bool = False
-    markers: bool = True
-    spread: tuple[Sequence[float], Sequence[float]] | None = None
-
-
-@dataclass(frozen=True)
-class BoxMark:
-    """A box plot at a place on the x axis: quartiles, whiskers, points beyond. colour: number of the series. What is
-    infinite is drawn at the top of the axis."""
-
-    x: float
-    low: float
-    q1: float
-    median: float
-    q3: float
-    high: float
-    beyond: Sequence[float] = ()
-    colour: int = 0
-    note: str = ""
-
-
-@dataclass(frozen=True)
-class Band:
-    """A grey strip across the panel between two values of x (or of y)."""
-
-    label: str
-    low: float
-    high: float
-    along: str = "x"
-
-
-@dataclass(frozen=True)
-class Panel:
-    """One pair of axes. y_zero: the y axis begins at zero. x_names: texts in place of 0, 1, 2, ... on the x axis, a
-    second line after a line feed. y_also: values that the y axis has to reach, so that panels can share a range."""
-
-    title: str
-    x_label: str
-    y_label: str
-    lines: tuple[Line, ...]
-    bands: tuple[Band, ...] = ()
-    x_log: bool = False
-    y_log: bool = False
-    y_zero: bool = False
-    x_names: tuple[str, ...] = ()
-    boxes: tuple[BoxMark, ...] = ()
-    y_also: tuple[float, ...] = ()
-
-
-@dataclass(frozen=True)
-class Axis:
-    """Maps values to pixels; `start` may be larger than `end`, as on a vertical axis."""
-
-    low: float
-    high: float
-    start: float
-    end: float
-    log: bool
-
-    def usable(self, value: float) -> bool:
-        """Whether the value has a place on this axis."""
-        return math.isfinite(value) and (value > 0.0 or not self.log)
-
-    def at(self, value: float) -> float:
-        """Pixel of a value."""
-        low, high, value = (math.log10(v) if self.log else v for v in (self.low, self.high, value))
-        return self.start + (value - low) / (high - low) * (self.end - self.start)
-
-    def ticks(self) -> list[float]:
-        """Round values within the range."""
-        return log_ticks(self.low, self.high) if self.log else linear_ticks(self.low, self.high)
-
-
-def linear_ticks(low: float, high: float, wanted: int = 6) -> list[float]:
-    """Multiples of 1, 2 or 5 times a power of ten, about `wanted` of them."""
-    raw = (high - low) / wanted
-    power = 10.0 ** math.floor(math.log10(raw))
-    step = next(m * power for m in (1.0, 2.0, 5.0, 10.0) if m * power >= raw * 0.999)
-    first = math.ceil(low / step - 1e-9)
-    last = math.floor(high / step + 1e-9)
-    return [round(i * step, 12) for i in range(first, last + 1)]
-
-
-def log_ticks(low: float, high: float) -> list[float]:
-    """Powers of ten; with 2 and 5 times them, or more, where less than three would fit; else multiples of one step."""
-    decades = range(math.floor(math.log10(low)), math.ceil(math.log10(high)) + 1)
-    every = -(-len(decades) // 8)
-    for steps in ((1.0,), (1.0, 2.0, 5.0), (1.0, 1.5, 2.0, 3.0, 5.0, 7.0), tuple(range(1, 10))):
-        values = [m * 10.0**d for d in decades if d % every == 0 for m in steps]
-        kept = [v for v in values if low * 0.999 <= v <= high * 1.001]
-        if len(kept) >= 3:
-            return kept
-    return linear_ticks(low, high, 4)
-
-
-def fitted_axis(values: Sequence[float], start: float, end: float, *, log: bool, tight: bool = False) -> Axis:
-    """An axis around the usable values, with some air; from zero where the values nearly reach it."""
-    usable = [v for v in values if math.isfinite(v) and (v > 0.0 or not log)]
-    low, high = (min(usable), max(usable)) if usable else (1.0, 10.0)
-    if log:
-        air = 1.0 if tight else max((high / low) ** 0.06, 1.06)
-        low, high = (low / air, high * air) if high > low else (low / 2, high * 2)
-        return Axis(low, high, start, end, True)
-    if 0.0 < low < 0.4 * high:
-        low = 0.0
-    air = 0.0 if tight else 0.06 * (high - low)
-    if high - low <= 1e-12 * max(abs(low), abs(high), 1e-30):
-        air = 0.5 * abs(high) or 1.0
-    beyond = high if high == 0.0 > low else high + air
-    return Axis(low if low == 0.0 else low - air, beyond, start, end, False)
 
 
 def svg(
@@ -159,21 +34,6 @@ def svg(
             share = width / len(line)
             parts.append(_panel(panel, column * share, head + row * height, share, height, f"{name}{row}-{column}"))
     return picture(parts, width=width, height=head + height * len(panels), name=name, about=about)
-
-
-def picture(
-    parts: Sequence[str], *, width: int, height: int, name: str = "c", about: tuple[str, str] | None = None
-) -> str:
-    """The SVG document around drawn parts. about: what it is and what it shows, for those who cannot see it."""
-    labels = f" aria-labelledby='{name}-t {name}-d'" if about else ""
-    head = [
-        f"<svg xmlns='http://www.w3.org/2000/svg' viewBox='0 0 {width} {height}' width='{width}' height='{height}' "
-        f"role='img'{labels} {FONT} font-size='11'>",
-    ]
-    if about:
-        head += [f"<title id='{name}-t'>{escape(about[0])}</title>", f"<desc id='{name}-d'>{escape(about[1])}</desc>"]
-    head.append(f"<rect class='paper' width='{width}' height='{height}' fill='white'/>")
-    return "\n".join([*head, *parts, "</svg>"]) + "\n"
 
 
 def _panel(panel: Panel, x0: float, y0: float, width: float, height: float, clip: str) -> str:
@@ -334,33 +194,3 @@ def _legend(panel: Panel, rows: list[list[str]], left: float, top: float) -> lis
             parts.append(text(x + 23, y, label))
             x += 34 + GLYPH * len(label)
     return parts
-
-
-def number(value: float) -> str:
-    """A tick label: plain where that is short, else a power of ten."""
-    if value == 0.0 or 1e-3 <= abs(value) < 1e5:
-        return f"{value:.6g}"
-    mantissa, exponent = f"{value:.3e}".split("e")
-    factor = f"{float(mantissa):g}"
-    raised = str(int(exponent)).translate(str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹"))
-    return f"10{raised}" if factor == "1" else f"{factor}·10{raised}"
-
-
-def text(
-    x: float,
-    y: float,
-    words: str,
-    *,
-    anchor: str = "start",
-    size: int = 11,
-    weight: int = 400,
-    fill: str = INK,
-    turned: bool = False,
-) -> str:
-    """One line of text; nothing for no words."""
-    if not words:
-        return ""
-    turn = f" transform='rotate(-90 {x:.1f} {y:.1f})'" if turned else ""
-    shade = {INK: "class='ink' ", PALE: "class='pale' "}.get(fill, "")
-    style = f"{shade}text-anchor='{anchor}' font-size='{size}' font-weight='{weight}' fill='{fill}'"
-    return f"<text x='{x:.1f}' y='{y:.1f}' {style}{turn}>{escape(words)}</text>"

@@ -12,9 +12,9 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from benchmarks import observed_run as observed
-from benchmarks.builtin_scenarios import changed, measured, supported
-from benchmarks.observed_run import Observed, observe
+from benchmarks import observed_run
+from benchmarks.builtin_scenarios import benchmark_scenario, is_supported, with_blocks
+from benchmarks.observed_run import ObservedRun, observe
 from benchmarks.studies.convergence import Sweep, _replay, _rows, at_times, sweeps
 from benchmarks.studies.convergence_report import MEASURES, study_part
 from benchmarks.studies.forces import Curve, push_hold_pull, read_off
@@ -31,20 +31,20 @@ Vector = NDArray[np.float64]
 
 @pytest.mark.parametrize("name", ["line", "sine"])
 def test_what_is_measured_is_the_built_in_scenario(name: str) -> None:
-    assert measured(name, quick=False) == preset(name)
-    quick = measured(name, quick=True)
+    assert benchmark_scenario(name, quick=False) == preset(name)
+    quick = benchmark_scenario(name, quick=True)
     assert quick.steps < 0.11 * preset(name).steps
     assert quick.interaction.spacing_mm == quick.tissue.element_size_mm == 10.0
 
 
 def test_changes_keep_the_rest_and_let_the_spacing_follow_the_mesh() -> None:
     base = preset("sine")
-    coarse = changed(base, tissue={"element_size_mm": 9.0}, dt_s=0.02)
+    coarse = with_blocks(base, tissue={"element_size_mm": 9.0}, dt_s=0.02)
     assert (coarse.interaction.spacing_mm, coarse.dt_s, coarse.trajectory) == (9.0, 0.02, base.trajectory)
-    assert changed(base, controller={"kind": "open_loop"}).controller.kind == "open_loop"
-    assert supported("controller.gain=0.5")
-    assert not supported("controller.no_such_field=1")
-    assert not supported("controller.gain=wrong")
+    assert with_blocks(base, controller={"kind": "open_loop"}).controller.kind == "open_loop"
+    assert is_supported("controller.gain=0.5")
+    assert not is_supported("controller.no_such_field=1")
+    assert not is_supported("controller.gain=wrong")
 
 
 # ---- poses
@@ -91,13 +91,13 @@ def test_slerp_takes_the_shorter_way_and_bears_equal_rotations() -> None:
 @pytest.fixture(scope="module")
 def tiny() -> Scenario:
     changes = ("trajectory.target_mm=[19,32,3]", "recording.enabled=false", "tissue.element_size_mm=15")
-    return measured("line", quick=True, changes=("interaction.spacing_mm=15", *changes))
+    return benchmark_scenario("line", quick=True, changes=("interaction.spacing_mm=15", *changes))
 
 
 def test_a_job_leaves_what_an_observed_run_has(tiny: Scenario, tmp_path: Path) -> None:
     here = observe(tiny)
-    result = observed.job({"scenario": tiny.resolved()}, tmp_path)
-    there = observed.load(tmp_path, result)
+    result = observed_run.job({"scenario": tiny.resolved()}, tmp_path)
+    there = observed_run.load(tmp_path, result)
     assert here.status == there.status == "completed"
     assert here.metrics == there.metrics
     assert set(here.series) == set(there.series)
@@ -124,14 +124,14 @@ def test_a_replay_of_a_run_is_that_run(tiny: Scenario) -> None:
 
 @pytest.mark.parametrize("quick", [False, True])
 def test_every_sweep_has_one_default_one_reference_and_valid_scenarios(quick: bool) -> None:
-    base = measured("sine", quick=quick)
+    base = benchmark_scenario("sine", quick=quick)
     found = sweeps(quick=quick)
     assert len({sweep.name for sweep in found}) == len(found)
     for sweep in found:
         labels = [label for label, _, _ in sweep.values]
         assert len(set(labels)) == len(labels)
         assert {sweep.default, sweep.reference} <= set(labels)
-        variants = {label: changed(base, **changes) for label, _, changes in sweep.values}
+        variants = {label: with_blocks(base, **changes) for label, _, changes in sweep.values}
         if sweep.name != "mesh_alone":
             assert variants[sweep.default] == base
 
@@ -144,7 +144,7 @@ def test_the_full_study_covers_what_was_asked_for() -> None:
     assert max(places["tolerance"]) / min(places["tolerance"]) == pytest.approx(1e4)
 
 
-def made_run(tip_offset_mm: float, dt: float, *, steps: int = 100) -> Observed:
+def made_run(tip_offset_mm: float, dt: float, *, steps: int = 100) -> ObservedRun:
     """A tip that moves along z at 10 mm/s, beside its path by an offset; forces that grow with time."""
     t = dt * np.arange(steps + 1)
     series = {
@@ -155,7 +155,7 @@ def made_run(tip_offset_mm: float, dt: float, *, steps: int = 100) -> Observed:
         "lateral_sum_n": 0.3 * t,
     }
     metrics = {"steps_completed": steps, "steps": steps, "rmse_mm": 0.5, "lambda_ratio": None, "min_det_f": 0.9}
-    return Observed("completed", "", metrics, {"iterations_mean": 2.0}, series)
+    return ObservedRun("completed", "", metrics, {"iterations_mean": 2.0}, series)
 
 
 def test_rows_and_files_of_a_made_up_study() -> None:

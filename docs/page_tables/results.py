@@ -1,0 +1,267 @@
+"""Committed results as tables: the paper rerun, the golden numbers, the convergence study, the timings."""
+
+from __future__ import annotations
+
+import csv
+import json
+import statistics
+from collections import Counter
+from collections.abc import Callable, Sequence
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+from benchmarks.paper.table import ARMS, GROUPS, arm_name
+from page_tables.markdown import percent, signed_percent, table
+
+RESULTS = Path(__file__).parents[2] / "benchmarks" / "results"
+Row = dict[str, str]
+Json = dict[str, Any]
+
+UNDECIDED = "undecided; set by the weighting of the remote centre, which the paper leaves open"
+
+
+@cache
+def _json(name: str) -> Any:
+    return json.loads((RESULTS / name).read_text(encoding="utf-8"))
+
+
+@cache
+def _csv(name: str) -> tuple[Row, ...]:
+    with (RESULTS / name).open(encoding="utf-8", newline="") as file:
+        return tuple(csv.DictReader(file))
+
+
+# ---- the paper
+
+
+def _insertions(**wanted: str) -> list[Row]:
+    """Rows of the main experiment under the primary condition: constant Young's modulus, no target noise."""
+    primary = {"young": "constant", "noise": "off", "purpose": "main", "model_seed": "", "parameter": "", **wanted}
+    return [row for row in _csv("paper/insertions.csv") if all(row[name] == value for name, value in primary.items())]
+
+
+def _stable_median(rows: Sequence[Row], metric: str) -> float:
+    return statistics.median(float(row[metric]) for row in rows if row["stable"] == "yes")
+
+
+def _scores() -> list[Json]:
+    """Scores of LIN, CUR and ALL under the primary condition, controllers in their usual order."""
+    found = [s for s in _json("paper/report.json")["scores"] if (s["young"], s["noise"]) == ("constant", "off")]
+    return sorted(found, key=lambda s: ((*GROUPS, "ALL").index(s["group"]), ARMS.index(s["arm"])))
+
+
+def _of_score(score: Json) -> list[Row]:
+    groups = GROUPS if score["group"] == "ALL" else (score["group"],)
+    return [row for group in groups for row in _insertions(group=group, arm=score["arm"])]
+
+
+def _ratio(score: Json) -> str:
+    return "1" if score["ratio"] is None else f"{score['ratio']:.3f}"
+
+
+def summary() -> str:
+    """The README's table: how well the tip follows the path, and what that costs at the entry and in force."""
+    rows = []
+    for score in _scores():
+        if score["group"] == "ALL" or score["arm"] not in ("ifem", "elm", "open_loop"):
+            continue
+        found = _of_score(score)
+        rows.append(
+            (
+                score["group"] if score["arm"] == "ifem" else "",
+                arm_name(score["arm"]),
+                str(score["insertions"]),
+                percent(score["stable"]),
+                f"{score['median_mm']:.3f}",
+                f"{_stable_median(found, 'rcm_max_mm'):.2f}",
+                f"{_stable_median(found, 'max_insertion_force_n'):.2f}",
+            )
+        )
+    head = ("paths", "controller", "insertions", "stable", "RMSE mm", "RCM error mm", "push N")
+    return table(head, rows, numbers=range(2, 7))
+
+
+def paper_scores() -> str:
+    """Every controller on straight paths, curved ones, and all."""
+    rows, before = [], ""
+    for score in _scores():
+        found = _of_score(score)
+        rows.append(
+            (
+                score["group"] if score["group"] != before else "",
+                arm_name(score["arm"]),
+                str(score["insertions"]),
+                percent(score["stable"]),
+                f"{score['median_mm']:.3f}",
+                f"{score['q1_mm']:.3f}–{score['q3_mm']:.3f}",
+                f"{score['max_mm']:.3f}",
+                percent(score["within_1mm"]),
+                _ratio(score),
+                f"{_stable_median(found, 'rcm_max_mm'):.3f}",
+                f"{_stable_median(found, 'max_insertion_force_n'):.2f}",
+            )
+        )
+        before = score["group"]
+    head = (
+        "paths",
+        "controller",
+        "n",
+        "S",
+        "median RMSE mm",
+        "quartiles mm",
+        "largest RMSE mm",
+        "never above 1 mm",
+        "ratio to open loop",
+        "RCM error mm",
+        "push N",
+    )
+    return table(head, rows, numbers=range(2, 11))
+
+
+def verdicts() -> str:
+    """How many claims of the paper ended how, in one sentence."""
+    claims = _json("paper/report.json")["claims"]
+    counts = Counter("undecided" if claim["key"] == "cur" else claim["verdict"] for claim in claims)
+    parts = [f"{counts[verdict]} {verdict}" for verdict in ("reproduced", "contradicted", "undecided", "not testable")]
+    return f"Of the {len(claims)} claims of the paper that were checked: {', '.join(parts[:-1])} and {parts[-1]}."
+
+
+def paper_claims() -> str:
+    """Each claim of the paper with the verdict of the committed run; the third with what is known about it since."""
+    items = []
+    for claim in _json("paper/report.json")["claims"]:
+        verdict = f"**{claim['verdict'].capitalize()}.**"
+        if claim["key"] == "cur":
+            verdict = f"**{UNDECIDED.capitalize()}.** By the test that was fixed beforehand: {claim['verdict']}."
+        p = "" if claim["p"] is None else f", p = {claim['p']:.2g}"
+        test = f" ({claim['test']}{p})" if claim["test"] else ""
+        items.append(f"1. *{claim['claim']}.* {verdict}\n\n   {claim['figure']}{test}. {_sentence(claim['reason'])}")
+    return "\n\n".join(items)
+
+
+def _sentence(text: str) -> str:
+    return f"{text[:1].upper()}{text[1:]}."
+
+
+def paper_directions() -> str:
+    """Curved paths by the direction of the sine, I-FEM beside the ELM: tip, entry and push."""
+    rows = []
+    for found in sorted(_json("paper/report.json")["directions"], key=lambda d: (d["varied"][1], d["varied"][0])):
+        arms = (found["first"], found["second"])
+        both = [_insertions(group="CUR", arm=arm, direction=found["varied"]) for arm in arms]
+        cells = [
+            " / ".join(f"{_stable_median(insertions, metric):.2f}" for insertions in both)
+            for metric in ("rcm_max_mm", "max_insertion_force_n", "min_det_f")
+        ]
+        failures = [str(sum(row["stable"] == "no" for row in insertions)) for insertions in both]
+        rows.append(
+            (
+                f"sine along {found['varied'].replace('-', '−')}",
+                f"{found['median_first_mm']:.3f} / {found['median_second_mm']:.3f}",
+                *cells,
+                f"{found['clusters_below']} of {found['clusters']}",
+                " / ".join(failures),
+            )
+        )
+    head = (
+        "I-FEM / ELM",
+        "RMSE mm",
+        "RCM error mm",
+        "push N",
+        "min det F",
+        "I-FEM better to end points",
+        "failures",
+    )
+    return table(head, rows, numbers=range(1, 7))
+
+
+# ---- the golden numbers
+
+_SHOWN: tuple[tuple[str, str, Callable[[Any], str]], ...] = (
+    ("RMSE mm", "rmse_mm", "{:.4f}".format),
+    ("same-index RMSE mm", "rmse_same_index_mm", "{:.3f}".format),
+    ("largest error mm", "max_error_mm", "{:.3f}".format),
+    ("largest RCM error mm", "rcm_max_mm", "{:.3f}".format),
+    ("largest push N", "max_insertion_force_n", "{:.2f}".format),
+    ("largest tissue displacement mm", "max_tissue_displacement_mm", "{:.1f}".format),
+    ("success", "success", lambda yes: "yes" if yes else "no"),
+)
+
+
+def builtin_scenarios() -> str:
+    """The built-in scenarios that are steered, and the same paths without feedback."""
+    cases = _json("builtin_scenarios.json")["cases"]
+    rows = []
+    for name in cases:
+        without = f"{name}, open loop"
+        if without not in cases:
+            continue
+        for case, first, controller in ((name, f"`{name}`", "I-FEM"), (without, "", "open loop")):
+            rows.append((first, controller, *(show(cases[case]["metrics"][key]) for _, key, show in _SHOWN)))
+    return table(("path", "controller", *(head for head, _, _ in _SHOWN)), rows, numbers=range(2, 8))
+
+
+# ---- the convergence study
+
+_COMPARED = (
+    ("h = 6 mm (default)", "mesh", "6", "h = 4 mm", "4"),
+    ("h = 10 mm", "mesh", "10", "h = 4 mm", "4"),
+    ("20 beams (default)", "beams", "20", "80 beams", "80"),
+    ("dt = 10 ms (default)", "dt", "10", "dt = 1.2 ms", "1.2"),
+    ("spacing 12 mm", "spacing", "2", "spacing 6 mm (default)", "1"),
+    ("bare points, spread 0", "spread", "0", "spread 4 mm (default)", "4"),
+    ("back face held, z", "faces", "z", "faces across y held (default)", "y"),
+)
+
+
+def discretisation() -> str:
+    """What one change of the discretisation does to the tip and the forces."""
+    found = {(row["sweep"], row["variant"]): row for row in _csv("convergence/convergence.csv")}
+    rows = []
+    for label, sweep, variant, against, reference in _COMPARED:
+        here, there = found[sweep, variant], found[sweep, reference]
+        forces = [
+            signed_percent(float(here[name]) / float(there[name]))
+            for name in ("entry_mean_n", "push_mean_n", "lateral_mean_n")
+        ]
+        rows.append((label, against, f"{float(here['tip_max_mm']):.2g}", *forces))
+    head = (
+        "variant",
+        "against",
+        "largest tip difference mm",
+        "mean lateral force at the entry",
+        "mean push",
+        "mean sum of lateral forces",
+    )
+    return table(head, rows, numbers=range(2, 6))
+
+
+# ---- timings
+
+_SPEEDS = (
+    ("converged plant step", "step.{}.plant_ms", "step.{}.plant_in_limits"),
+    ("whole I-FEM step: Jacobian, record and series included", "step.{}.ms", "step.{}.in_limits"),
+    ("Jacobian alone", "step.{}.jacobian_ms", None),
+    ("simulated time / wall time", "realtime.{}", None),
+)
+
+
+def bench_report() -> Path:
+    """The newest committed measurement of speed."""
+    return max((RESULTS / "bench").glob("*.json"))
+
+
+def speed() -> str:
+    """A step of the built-in scenarios, in milliseconds and in L0."""
+    figures = _json(f"bench/{bench_report().name}")["figures"]
+
+    def cell(name: str, scenario: str, limits: str | None) -> str:
+        unit = figures[name.format(scenario)]["unit"]
+        value = f"{figures[name.format(scenario)]['median']:.3g} {'' if unit == 'x' else unit}".strip()
+        return value if limits is None else f"{value} = {figures[limits.format(scenario)]['median']:.3g} L0"
+
+    rows = [
+        (label, *(cell(name, scenario, limits) for scenario in ("line", "sine"))) for label, name, limits in _SPEEDS
+    ]
+    return table(("figure", "`line`", "`sine`"), rows, numbers=(1, 2))

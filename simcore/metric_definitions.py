@@ -1,0 +1,274 @@
+"""What each number of a result means: unit, definition and the range in which a sane run has it.
+
+A range belongs to a steered insertion at full depth (122 mm) with the default discretisation [ours]. A number outside
+its range is not an error: `outside` says what that means, or what to look at before the run is trusted.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+from simcore.errors import Status
+
+UNIT_OF_SUFFIX = {"_mm": "mm", "_m": "m", "_n": "N", "_nm": "N m", "_s": "s", "_ms": "ms"}
+UNITS = frozenset({*UNIT_OF_SUFFIX.values(), "1", "yes or no"})
+
+
+class Metric(NamedTuple):
+    """One number of result.json. key: dotted path in it. low, high: inclusive sane range, high None = no bound."""
+
+    key: str
+    unit: str
+    definition: str
+    low: float
+    high: float | None
+    outside: str
+
+    @property
+    def sane_range(self) -> str:
+        """The range as text."""
+        if self.high is None:
+            return f"at least {self.low:g}"
+        return f"{self.low:g}" if self.low == self.high else f"{self.low:g} to {self.high:g}"
+
+
+class SeriesArray(NamedTuple):
+    """One array of series.npz. shape: `rows` = steps + 1, row 0 the initial state; frames = recorded tissue states."""
+
+    name: str
+    unit: str
+    shape: tuple[str, ...]
+    definition: str
+
+
+METRICS = (
+    Metric(
+        "metrics.stable",
+        "yes or no",
+        "the run completed: every step converged, every number finite, no tetrahedron inverted; the paper's S is the "
+        "share of stable insertions",
+        1,
+        1,
+        "`status` and `message` name the failure; the other numbers cover the steps before it",
+    ),
+    Metric(
+        "metrics.success",
+        "yes or no",
+        "stable, reached the last step, and the tip error never stayed above 2 mm for more than 0.5 s",
+        1,
+        1,
+        "the target was lost on the way",
+    ),
+    Metric("metrics.steps_completed", "1", "converged steps", 1, None, "the run failed in its first step"),
+    Metric(
+        "metrics.steps",
+        "1",
+        "planned steps: ceil(path length / (speed dt)), or the number of poses of a replay",
+        1,
+        None,
+        "",
+    ),
+    Metric(
+        "metrics.rmse_mm",
+        "mm",
+        "root mean square over all steps of e_i = n_tip(t_i+1) - n_traj(t_i), the tip against the target that the "
+        "command of that step was computed for [paper]",
+        0,
+        1,
+        "the controller does not follow the path; an open loop along `demo` has 2.1",
+    ),
+    Metric(
+        "metrics.rmse_same_index_mm",
+        "mm",
+        "root mean square of n_tip(t_i) - n_traj(t_i): the same without the shift, so that it includes the lag of one "
+        "step, 0.1 mm at 10 mm/s and 10 ms",
+        0,
+        1,
+        "as for rmse_mm",
+    ),
+    Metric(
+        "metrics.cross_track_rmse_mm",
+        "mm",
+        "root mean square of the distance from the tip to the nearest point of the path; a path in the tissue frame is "
+        "carried along first",
+        0,
+        1,
+        "the tip is off the path, not only late on it",
+    ),
+    Metric("metrics.p95_error_mm", "mm", "95th percentile of |e_i|", 0, 1, "the error is large for a while"),
+    Metric(
+        "metrics.max_error_mm",
+        "mm",
+        "largest |e_i|",
+        0,
+        2,
+        "above 2 mm the target counts as lost while it lasts",
+    ),
+    Metric(
+        "metrics.final_error_mm",
+        "mm",
+        "|n_tip - n_traj| after the last completed step, at the same time; it may exceed max_error_mm, which compares "
+        "with the target one step earlier",
+        0,
+        1,
+        "the tip ends beside its target",
+    ),
+    Metric(
+        "metrics.rcm_mean_mm",
+        "mm",
+        "mean lateral distance of the shaft from the entry point, the remote centre of motion, which is fixed in space",
+        0,
+        0.5,
+        "the needle drags the entry sideways",
+    ),
+    Metric(
+        "metrics.rcm_max_mm",
+        "mm",
+        "largest lateral distance of the shaft from the entry point",
+        0,
+        1,
+        "the entry is dragged: a small tip error was paid for there; look at min_det_f",
+    ),
+    Metric(
+        "metrics.max_insertion_force_n",
+        "N",
+        "largest force of the robot on the needle's base along its axis, positive when it pushes",
+        0.1,
+        5,
+        "below: the needle was never pushed in; above: it is bent so far that the push no longer reaches its tip",
+    ),
+    Metric(
+        "metrics.max_tissue_displacement_mm",
+        "mm",
+        "largest displacement of a node of the tissue from its place at rest",
+        0.5,
+        10,
+        "below: hardly any contact; above: far beyond small strains, the tissue law is linear",
+    ),
+    Metric(
+        "metrics.min_det_f",
+        "1",
+        "smallest determinant of the deformation gradient over all tetrahedra and steps; 1 = no change of volume; at "
+        "0.1 and below the run ends as inverted",
+        0.5,
+        1.0,
+        "tetrahedra collapse, mostly beside the entry",
+    ),
+    Metric(
+        "metrics.lambda_ratio",
+        "1",
+        "median over steps of sum |lambda_n| / |sum lambda_n|, lateral forces of the constraint points; null where the "
+        "lateral load never exceeds 0.01 N",
+        1,
+        3,
+        "neighbouring points fight each other (locking), or lateral forces cancel along a needle that nobody steers",
+    ),
+    Metric(
+        "metrics.limited_fraction",
+        "1",
+        "share of steps in which the robot's speed limits scaled the command",
+        0,
+        0.1,
+        "the limits decide what the needle does, as they do under target noise (0.9)",
+    ),
+    *(
+        Metric(
+            f"timing.{part}.{quantile}_ms",
+            "ms",
+            f"{name}, {text} over the steps, wall time",
+            0,
+            high,
+            "a busy machine, a finer mesh, or a more expensive Jacobian",
+        )
+        for part, name, high in (
+            ("plant", "solution of the coupled step", 50),
+            ("jacobian", "Jacobian of the controller's model, 0 for a controller without one", 50),
+            ("command", "command of the controller, its Jacobian apart", 10),
+            ("recording", "observers of the run: recording and progress", 50),
+        )
+        for quantile, text in (
+            ("median", "median"),
+            ("p95", "95th percentile"),
+            ("p99", "99th percentile"),
+            ("max", "maximum"),
+        )
+    ),
+    Metric("timing.loop_wall_s", "s", "wall time of all steps, set-up apart", 0, 600, "a busy machine or a fine mesh"),
+    Metric("timing.simulated_s", "s", "simulated time: completed steps times dt", 0, None, ""),
+    Metric(
+        "timing.realtime_factor",
+        "1",
+        "simulated_s / loop_wall_s; null if no time passed",
+        0.1,
+        100,
+        "below: slower than a tenth of real time",
+    ),
+    Metric(
+        "solver.iterations_mean",
+        "1",
+        "mean iterations of a coupled step; 0 = the extrapolated state was an equilibrium already",
+        0,
+        3,
+        "the contact state changes in most steps, or the tissue factor is stale",
+    ),
+    Metric("solver.iterations_max", "1", "most iterations of a step", 0, 30, "a step came close to failing"),
+    Metric(
+        "solver.residual_max_n",
+        "N",
+        "largest nodal force residual of a converged step",
+        0,
+        1e-5,
+        "only with a larger solver.force_tolerance_n",
+    ),
+    Metric(
+        "solver.violation_max_m",
+        "m",
+        "largest violation of a constraint in a converged step",
+        0,
+        1e-8,
+        "only with a larger solver.violation_tolerance_mm",
+    ),
+)
+
+SERIES = (
+    SeriesArray("t_s", "s", ("rows",), "time"),
+    SeriesArray("base_position_m", "m", ("rows", "3"), "base of the needle, the robot's end-effector"),
+    SeriesArray("base_rotation", "1", ("rows", "4"), "its orientation, quaternion wxyz; identity = needle along +z"),
+    SeriesArray("tip_m", "m", ("rows", "3"), "tip of the needle, n_tip"),
+    SeriesArray("target_m", "m", ("rows", "3"), "target without noise, n_traj"),
+    SeriesArray("target_noisy_m", "m", ("rows", "3"), "target that the controller saw"),
+    SeriesArray("command_position_m", "m", ("rows", "3"), "commanded base position T, before the robot's limits"),
+    SeriesArray("command_rotation", "1", ("rows", "4"), "commanded orientation, quaternion wxyz"),
+    SeriesArray("limited", "yes or no", ("rows",), "whether the robot's limits scaled the command"),
+    SeriesArray("depth_m", "m", ("rows",), "inserted length of the needle, measured along the channel at rest"),
+    SeriesArray("base_force_n", "N", ("rows", "3"), "force of the robot on the base"),
+    SeriesArray("base_torque_nm", "N m", ("rows", "3"), "torque of the robot about the base"),
+    SeriesArray("insertion_force_n", "N", ("rows",), "base force along the base's axis, positive when it pushes"),
+    SeriesArray("rcm_error_m", "m", ("rows",), "lateral distance of the shaft from the entry point"),
+    SeriesArray("iterations", "1", ("rows",), "iterations of the step"),
+    SeriesArray("residual_n", "N", ("rows",), "largest nodal force residual"),
+    SeriesArray("violation_m", "m", ("rows",), "largest constraint violation"),
+    SeriesArray("min_det_f", "1", ("rows",), "smallest determinant of the deformation gradient"),
+    SeriesArray("max_displacement_m", "m", ("rows",), "largest displacement of a tissue node"),
+    SeriesArray("plant_s", "s", ("rows",), "wall time of the coupled step"),
+    SeriesArray("jacobian_s", "s", ("rows",), "wall time of the Jacobian"),
+    SeriesArray("command_s", "s", ("rows",), "wall time of the command, its Jacobian apart"),
+    SeriesArray("recording_s", "s", ("rows",), "wall time of the observers"),
+    SeriesArray("lateral_sum_n", "N", ("rows",), "sum of the magnitudes of the lateral constraint forces"),
+    SeriesArray("lateral_resultant_n", "N", ("rows",), "magnitude of the sum of the lateral constraint forces"),
+    SeriesArray("tissue_rest_m", "m", ("nodes", "3"), "nodes of the tissue at rest"),
+    SeriesArray("tissue_tets", "1", ("tetrahedra", "4"), "tetrahedra as rows of node numbers from 0"),
+    SeriesArray("tissue_m", "m", ("frames", "nodes", "3"), "nodes in each recorded frame, the last state always one"),
+    SeriesArray("tissue_frame_step", "1", ("frames",), "step of each frame"),
+)
+
+STATUSES = {
+    Status.COMPLETED: "every step converged; whether the tip followed its path is `success`",
+    Status.NOT_CONVERGED: "a step's residual or constraint violation stayed above its tolerance, or no contact state "
+    "was consistent",
+    Status.INVERTED: "a tetrahedron of the tissue collapsed: min det F at 0.1 or below",
+    Status.NOT_FINITE: "a state held NaN or infinity",
+    Status.NOT_POSITIVE_DEFINITE: "the stiffness matrix could not be factored",
+    Status.TISSUE_LEFT: "the tip left the tissue elsewhere than where it came in",
+    Status.CHANNEL_LEFT: "a tip that was pushed in again missed the channel that it had cut",
+}

@@ -1,0 +1,39 @@
+"""The golden numbers of the built-in scenarios: `python -m tests.simcore.rollout.golden` measures them again.
+
+A change of them is a change of the results: it is explained in the change log, and the digests in the documents change
+with it.
+"""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+from simcore.provenance import provenance
+from simcore.rollout.rollout import run
+from simcore.scenario.presets import preset, preset_names
+
+FILE = Path(__file__).with_name("golden.json")
+MEASURES = ("rmse_mm", "max_insertion_force_n", "rcm_mean_mm", "rcm_max_mm")
+DECIMALS = 9  # three more than what is compared
+
+
+def measured(name: str) -> dict[str, float]:
+    """The golden measures of a built-in scenario, as it runs here: mm and N."""
+    metrics = run(preset(name)).metrics
+    return {measure: round(float(metrics[measure]), DECIMALS) for measure in MEASURES}
+
+
+def machine() -> str:
+    """The kind of processor: between kinds, the libraries take other instructions and round otherwise."""
+    return str(provenance(preset("line").resolved())["cpu"])
+
+
+def main() -> None:
+    """Write the file."""
+    found = {"cpu": machine(), "scenarios": {name: measured(name) for name in preset_names()}}
+    FILE.write_text(json.dumps(found, indent=2) + "\n")
+
+
+if __name__ == "__main__":
+    main()
