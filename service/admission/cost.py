@@ -14,8 +14,6 @@ import numpy as np
 
 from service.limits import Limits
 from simcore.errors import Problem, ScenarioError
-from simcore.mesh.numbering import free_node_order, half_bandwidth, held_nodes
-from simcore.mesh.reader import load_mesh
 from simcore.scenario.blocks import Tissue
 from simcore.scenario.controller_blocks import InverseFem, SeparateModel
 from simcore.scenario.scenario import Scenario
@@ -147,6 +145,9 @@ def _box_size(tissue: Tissue) -> _Size:
 
 
 def _file_size(tissue: Tissue, name: str) -> _Size:
+    from simcore.mesh.numbering import free_node_order, half_bandwidth, held_nodes
+    from simcore.mesh.reader import load_mesh  # with the mesh kernels: only where there is a mesh file
+
     mesh = load_mesh(name, unit_mm=tissue.mesh_unit_mm, names=tissue.fixed_sets, sha256=tissue.mesh_sha256)
     unknown = free_node_order(mesh, held_nodes(mesh, tissue.fixed_faces, tissue.fixed_sets))
     free = int(np.count_nonzero(unknown >= 0))

@@ -40,7 +40,7 @@ def compare_campaigns(campaigns: CampaignStore, first: str, second: str) -> Camp
 
 
 def compare_controllers(campaigns: CampaignStore, campaign: str, first: str, second: str) -> CampaignComparison:
-    """Two controllers of one campaign. Raises UnknownCampaign, and ScenarioError for a controller it does not have."""
+    """Two controllers of one campaign. Raises UnknownCampaign, ScenarioError for an unknown controller."""
     tests = between_controllers(outcomes(campaigns.cases(campaign)), first, second)
     return CampaignComparison(
         campaigns=[campaign], controllers=[first, second], same_digests=None, shared_cases=None, tests=tests

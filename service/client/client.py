@@ -217,8 +217,8 @@ class Client(CampaignCalls, ModelCalls, UploadCalls):
     def verify(self, job_id: str, observer: Observer | None = None) -> Verdict:
         """Run the job's scenario again in this process and compare: identical, equal within 1e-6 mm, or different.
 
-        Uploads that the scenario names are fetched. Raises CannotVerify when the job has no result, trained a model, or
-        names an upload that the service no longer has.
+        Uploads that the scenario names are downloaded. Raises CannotVerify when the job has no result, trained a model,
+        or names an upload that the service no longer has.
         """
         from service.local.verify import CannotVerify, load_series, verify
 
@@ -226,7 +226,7 @@ class Client(CampaignCalls, ModelCalls, UploadCalls):
         if job.result is None:
             raise CannotVerify(f"job {job_id} is {job.state}: it has no result")
         if job.scenario is None:
-            raise CannotVerify(f"job {job_id} trained a model: train it again, the same SHA-256 must come out")
+            raise CannotVerify(f"job {job_id} trained a model: train it again and compare the SHA-256")
         with tempfile.TemporaryDirectory() as name:
             folder = Path(name)
             for field_name, upload_id in references(dict(job.scenario)):
