@@ -43,7 +43,7 @@ NEAREST = {  # module -> tests that stand beside it
     "service/engine/retention.py": "tests/service/engine",
     "service/admission/cost.py": "tests/service/admission",
     "service/api/middleware/rate_limit.py": "tests/service/store/test_keys.py tests/service/api",
-    "service/recording/entities.py": "tests/service/recording",
+    "service/recording/plots.py": "tests/service/recording",
 }
 
 

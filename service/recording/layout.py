@@ -5,12 +5,12 @@ from __future__ import annotations
 import numpy as np
 import rerun.blueprint as rrb
 
+from service.recording.colors import DISPLACEMENT_SCALE_M
 from service.recording.section import path_plane
 from simcore.arrays import Floats
 from simcore.rollout.records import Scene
 
 BACKGROUND = (18, 21, 28)
-DISPLACEMENT_SCALE_M = 5e-3
 _EYE_SLOPE = 0.52  # tangent of half the angle that the viewer's eye sees from top to bottom
 _EYE_ASPECT = 1.05  # width over height of the view, at least
 _EYE_MARGIN = 1.04

@@ -1,4 +1,4 @@
-"""What of a tetrahedral mesh is worth drawing: its surface, its sharp edges and a cut along the path.
+"""The drawable parts of a tetrahedral mesh: its surface, its sharp edges and a cut along the path.
 
 Everything is expressed by material points, computed once on the rest shape: a deformed state gives their
 positions by indexing, or by one interpolation along an edge. Row = node, metres, world frame.
@@ -17,7 +17,7 @@ _SHARP_COSINE = 0.77  # edges between faces that meet at more than 40 degrees ar
 
 @dataclass(frozen=True)
 class Surface:
-    """The nodes on the surface and the triangles between them, numbered anew."""
+    """The nodes on the surface and the triangles between them, renumbered."""
 
     nodes: Ints  # (v,) into the mesh
     triangles: Ints  # (t, 3) into `nodes`

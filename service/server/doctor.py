@@ -185,11 +185,11 @@ def _viewer() -> Check:
 def _web_viewer(settings: Settings) -> Check:
     """What the pages show recordings with: where it was kept, else as the wheel gives it."""
     from service.recording.viewer import ViewerError
-    from service.recording.web_viewer import FILES, PROGRAM, WASM, kept, served
+    from service.recording.web_viewer import FILES, PROGRAM, WASM, extracted, viewer_files
 
-    home = kept(settings.data)
+    home = extracted(settings.data)
     try:
-        files = served() if home is None else {name: (home / name).read_bytes() for name in FILES}
+        files = viewer_files() if home is None else {name: (home / name).read_bytes() for name in FILES}
     except (OSError, ViewerError) as error:
         advice = f"remove {home}: it is made again" if home is not None else "pip install --force-reinstall rerun-sdk"
         return Check(name="web viewer", level="bad", found=str(error), advice=advice)

@@ -11,7 +11,7 @@ from pathlib import Path
 
 import click
 
-from service.client.client import Client, ServiceError, Unreachable
+from service.client.client import Client, ServiceError, UnreachableError
 from service.server.endpoint import endpoint
 from service.server.server import ServiceStartError, listen
 from service.settings import DEFAULT_PORT, Settings
@@ -42,7 +42,7 @@ def _running(settings: Settings) -> str | None:
     try:
         with Client(url, settings.api_key, timeout_s=2.0) as client:
             client.ready()
-    except (Unreachable, ServiceError):
+    except (UnreachableError, ServiceError):
         return None
     return url
 

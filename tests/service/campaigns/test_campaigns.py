@@ -230,7 +230,7 @@ def test_a_trend_marks_what_got_worse(both: tuple[TestClient, Service]) -> None:
     trend = http.get("/api/v1/trends/two by two").json()
     assert trend["points"][-1]["regression"] is False
     assert [(loss["figure"], loss["campaign"]) for loss in trend["losses"]] == [("success", points[2]["campaign"])]
-    assert "Not mended yet" in http.get("/trends/two by two").text
+    assert "Not recovered yet" in http.get("/trends/two by two").text
     assert "worse since" in http.get("/trends").text
     ended(both)
     assert http.get("/api/v1/trends/two by two").json()["losses"] == []

@@ -136,7 +136,7 @@ def test_a_result_whose_upload_cannot_be_found_says_so(steered: tuple[Path, str]
     assert (empty.exit_code, "does not have it" in empty.output) == (2, True)
     assert needlebench("verify", result, "--data", str(data)).output.startswith("identical")
     nothing = needlebench("verify", job_id, "--data", str(tmp_path / "empty"))
-    assert (nothing.exit_code, "is no data folder" in nothing.output) == (2, True)
+    assert (nothing.exit_code, "is not a data folder" in nothing.output) == (2, True)
 
 
 def test_neither_a_file_nor_an_id(tmp_path: Path) -> None:

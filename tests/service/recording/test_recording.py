@@ -21,9 +21,10 @@ from rerun.error_utils import RerunWarning
 
 from service.display import job_text, plain_values
 from service.recording import observer as recording
-from service.recording.entities import BLOCK_STEPS, FORCE_ARROW_M_PER_N, PLOTS, Moment, displacement_colors
-from service.recording.layout import DISPLACEMENT_SCALE_M
+from service.recording.blocks import BLOCK_STEPS, FORCE_ARROW_M_PER_N
+from service.recording.colors import DISPLACEMENT_SCALE_M, displacement_colors
 from service.recording.observer import RerunObserver, optimize
+from service.recording.plots import PLOTS, Moment, Step
 from service.worker.attempt import ObserverGroup
 from simcore.arrays import Floats
 from simcore.rollout.records import Scene, StepRecord
@@ -153,7 +154,7 @@ def test_plots_are_recorded_exactly(kept: tuple[Path, Keeper]) -> None:
         rows = recorded(path, plot.entity, "Scalars:scalars")
         assert list(rows) == list(range(STEPS + 1))
         for record, now, before in zip(keeper.records, moments, moments[:1] + moments, strict=False):
-            expected = np.array(plot.values(record, now, before, dt_s))
+            expected = np.array(plot.values(Step(record, now, before, dt_s)))
             assert np.array_equal(rows[record.step], expected), (plot.entity, record.step)
 
 
@@ -171,6 +172,21 @@ def test_plotted_numbers_in_their_units(kept: tuple[Path, Keeper]) -> None:
     assert depth[0] == pytest.approx(1e3 * keeper.scene.scenario.path().length_m / 2)
 
 
+def test_commanded_and_actual_motion_are_told_apart(kept: tuple[Path, Keeper]) -> None:
+    first = FakeRun(short()).record(1)
+    start = first.base_position_m.copy()
+    moved, commanded = start + np.array([0.0, 0.0, 1e-3]), start + np.array([0.0, 2e-3, 0.0])
+    after = replace(first, base_position_m=moved, command_position_m=commanded, limited=True)
+    before = Moment.of(replace(first, base_position_m=start))
+    command = next(plot for plot in PLOTS if plot.entity == "metrics/command")
+    values = command.values(Step(after, Moment.of(after), before, 0.01))
+    names = [name for name, _ in command.series]
+    assert dict(zip(names, values, strict=True)) == pytest.approx(
+        {"commanded speed, mm/s": 200.0, "speed, mm/s": 100.0, "rotation, deg/s": 0.0, "limited": 1.0}
+    )
+    assert static(kept[0], command.entity)["SeriesLines:names"] == names
+
+
 def test_turn_rate_of_a_small_rotation() -> None:
     run = FakeRun(short())
     record, angle = run.record(1), np.radians(0.01)
@@ -179,7 +195,7 @@ def test_turn_rate_of_a_small_rotation() -> None:
     command = next(plot for plot in PLOTS if plot.entity == "metrics/command")
     for sign in (1.0, -1.0):
         after = replace(record, base_rotation=sign * turned)
-        rate = command.values(after, Moment.of(after), before, 0.01)[2]
+        rate = command.values(Step(after, Moment.of(after), before, 0.01))[2]
         assert rate == pytest.approx(1.0, rel=1e-9)
 
 

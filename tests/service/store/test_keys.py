@@ -12,7 +12,7 @@ import pytest
 from starlette.testclient import TestClient
 
 from service.api.context import Service
-from service.api.middleware.rate_limit import Rate
+from service.api.middleware.rate_limit import RateLimit
 from service.api_key import digest_of, id_of, keys_exist, new_key
 from service.environment import SettingsError
 from service.settings import Limits, Settings
@@ -215,18 +215,18 @@ def test_a_key_that_asks_too_often_has_to_wait(tmp_path: Path) -> None:
 
 def test_a_bucket_fills_at_its_rate() -> None:
     now = [0.0]
-    rate = Rate(2.0, lambda: now[0])
+    rate = RateLimit(2.0, lambda: now[0])
     assert [rate.wait_s("a") for _ in range(5)] == [0, 0, 0, 0, 0.5]
     now[0] = 0.5
     assert [rate.wait_s("a"), rate.wait_s("a"), rate.wait_s("b")] == [0, 0.5, 0]
     now[0] = 1000.0
     assert sum(not rate.wait_s("a") for _ in range(10)) == 4
-    assert not any(Rate(0.0, lambda: 0.0).wait_s("a") for _ in range(1000))
+    assert not any(RateLimit(0.0, lambda: 0.0).wait_s("a") for _ in range(1000))
 
 
 def test_who_asked_long_ago_is_forgotten_and_who_asked_too_often_is_not() -> None:
     now = [0.0]
-    rate = Rate(2.0, lambda: now[0])
+    rate = RateLimit(2.0, lambda: now[0])
     for number in range(5000):
         now[0] += 0.1
         rate.wait_s(f"key {number}")

@@ -10,8 +10,8 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from service.cli.campaign_text import followed, millimetres, print_plan, print_scores, print_trend, where
-from service.cli.service import asked, client_of, data_option, url_option
+from service.cli.campaign_text import follow_campaign, millimetres, print_plan, print_scores, print_trend, where
+from service.cli.connection import data_option, service_client, url_option, with_field_errors
 from simcore.errors import Problem, ScenarioError
 
 if TYPE_CHECKING:
@@ -28,19 +28,19 @@ grid_option = click.option(
     help="Values of a scenario field, instead of a suite; every combination is run. Values are JSON or words.",
 )
 scenario_option = click.option(
-    "--scenario", "source", metavar="SCENARIO", help="Scenario under the grid; default: defaults."
+    "--scenario", "source", metavar="SCENARIO", help="Scenario under the grid; default: all defaults."
 )
 model_option = click.option(
-    "--model", default="default", show_default=True, help="Model of a suite's learned controllers."
+    "--model", default="default", show_default=True, help="Model of the suite's learned controllers."
 )
 
 
 @click.group()
 def campaign() -> None:
-    """Run suites and parameter grids through a service, compare them, follow them over commits.
+    """Run suites and parameter grids on a service, compare them, follow their trend over commits.
 
     \b
-    Which suites there are:   needlebench campaign suites
+    The named suites:         needlebench campaign suites
     What one would cost:      needlebench campaign run lin100-v1-quick --dry-run
     Run it, with a report:    needlebench campaign run lin100-v1-quick --report report.html
     A grid of your own:       needlebench campaign run --scenario line --grid controller.gain=0.5,1 --grid seed=0,1,2
@@ -57,13 +57,13 @@ def suites(url: str | None) -> None:
     What can be run by name:  needlebench campaign suites
     """
     if url is not None:
-        with client_of(url) as client:
-            found = asked(client.suites)
+        with service_client(url) as client:
+            titles = client.suites()
     else:
         from benchmarks.paper.suites import suite_names
 
-        found = suite_names()
-    for name, title in found.items():
+        titles = suite_names()
+    for name, title in titles.items():
         click.echo(f"{name:<24}{title}")
 
 
@@ -72,24 +72,24 @@ def suites(url: str | None) -> None:
 @grid_option
 @scenario_option
 @model_option
-@click.option("--name", help="What lists call it; default: the suite's name. A grid's trend goes by its name.")
+@click.option("--name", help="Its name in lists; default: the suite's name. The trend of a grid goes by its name.")
 @click.option("--priority", type=click.IntRange(-100, 100), default=-10, show_default=True, help="Of its jobs.")
-@click.option("--dry-run", is_flag=True, help="Only say how many jobs and how much time it would take.")
-@click.option("--detach", is_flag=True, help="Print the id and leave it running; needs a running service.")
-@click.option("--csv", "csv_file", metavar="FILE", type=_file, help="Write a table, one line an insertion.")
+@click.option("--dry-run", is_flag=True, help="Only say how many jobs it would take and how long.")
+@click.option("--detach", is_flag=True, help="Print the id and do not wait; needs a running service.")
+@click.option("--csv", "csv_file", metavar="FILE", type=_file, help="Write a table, one line per insertion.")
 @click.option("--report", "report_file", metavar="FILE", type=_file, help="Write the report page.")
-@click.option("--fail-on-regression", is_flag=True, help="Exit 1 if it is worse than the runs of the suite before.")
+@click.option("--fail-on-regression", is_flag=True, help="Exit with 1 if it is worse than earlier runs of the suite.")
 @data_option
 @url_option
 @click.pass_context
 def run(
-    ctx: click.Context, /, suite: str | None, url: str | None, data: Path | None, detach: bool, **asks: Any
+    ctx: click.Context, /, suite: str | None, url: str | None, data: Path | None, detach: bool, **options: Any
 ) -> None:
-    """Run a named suite or a grid, and say how it went.
+    """Run a named suite or a grid, and print its scores.
 
-    Uses the service at --url, or the one on the data folder, or one of its own that ends with the command; either way
-    everything is kept in the data folder, and after a Ctrl-C or a crash the next service goes on with it. Regressions
-    are judged against earlier runs in that folder: accuracy by digests and paired tests, time against the same machine.
+    Uses the service at --url, or the one on the data folder, or starts one that ends with the command; either way all
+    is kept in the data folder, and after Ctrl-C or a crash the next service resumes it. Regressions are judged against
+    earlier runs in that folder: accuracy by digests and paired tests, time against the same machine.
 
     \b
     A suite, with a report:   needlebench campaign run lin100-v1-quick --report report.html
@@ -98,46 +98,46 @@ def run(
     By cron or in CI:         needlebench campaign run lin100-v1-quick --fail-on-regression --csv table.csv
 
     \b
-    Exit code: 0 done; 1 a regression (with --fail-on-regression), or jobs that left no result
+    Exit code: 0 done; 1 a regression (with --fail-on-regression), or jobs without a result
                2 bad input; 130 Ctrl-C
     """
-    request = campaign_request(suite, asks)
-    for option, file in (("--csv", asks["csv_file"]), ("--report", asks["report_file"])):
-        if file is not None and not file.absolute().parent.is_dir():  # said now, and not when all has been run
+    request = campaign_request(suite, options)
+    for option, file in (("--csv", options["csv_file"]), ("--report", options["report_file"])):
+        if file is not None and not file.absolute().parent.is_dir():  # reported now, not after all jobs have run
             raise ScenarioError([Problem(option, str(file), f"there is no folder {file.absolute().parent}")])
     with _service(url, data, detach) as client:
-        if asks["dry_run"]:
-            print_plan(asked(lambda: client.plan_campaign(request)))
+        if options["dry_run"]:
+            print_plan(client.plan_campaign(request))
             return
-        made = asked(lambda: client.start_campaign(request))
-        click.echo(made.id)
+        started = client.start_campaign(request)
+        click.echo(started.id)
         if detach:
             return
-        done = followed(client, made)
-        _save(client, done, asks["csv_file"], asks["report_file"])
+        done = follow_campaign(client, started)
+        _save(client, done, options["csv_file"], options["report_file"])
         print_scores(client.campaign_results(done.id))
         worse = print_trend(client, done)
         lost = done.cases - done.jobs.get("succeeded", 0)
         if lost:
-            click.echo(f"{lost} of {done.cases} jobs left no result", err=True)
-        if lost or (worse and asks["fail_on_regression"]):
+            click.echo(f"{lost} of {done.cases} jobs have no result", err=True)
+        if lost or (worse and options["fail_on_regression"]):
             ctx.exit(REGRESSION)
 
 
-def campaign_request(suite: str | None, asks: dict[str, Any]) -> dict[str, Any]:
-    """The JSON of what the options ask for. Raises ScenarioError."""
-    request: dict[str, Any] = {"priority": asks.get("priority", -10)}
-    if asks.get("name"):
-        request["name"] = asks["name"]
-    if suite is not None and not asks["axes"]:
-        return {**request, "suite": suite, "model": asks["model"]}
-    if suite is not None or not asks["axes"]:
+def campaign_request(suite: str | None, options: dict[str, Any]) -> dict[str, Any]:
+    """The JSON of the request that the options describe. Raises ScenarioError."""
+    request: dict[str, Any] = {"priority": options.get("priority", -10)}
+    if options.get("name"):
+        request["name"] = options["name"]
+    if suite is not None and not options["axes"]:
+        return {**request, "suite": suite, "model": options["model"]}
+    if suite is not None or not options["axes"]:
         raise ScenarioError([Problem("SUITE", suite, "give either a suite or at least one --grid")])
-    if asks["source"]:
+    if options["source"]:
         from service.cli.local import read_source
 
-        request["scenario"] = read_source(asks["source"])
-    return {**request, "grid": dict(_axis(text) for text in asks["axes"])}
+        request["scenario"] = read_source(options["source"])
+    return {**request, "grid": dict(_axis(text) for text in options["axes"])}
 
 
 def _axis(text: str) -> tuple[str, list[Any]]:
@@ -160,9 +160,9 @@ def _value(text: str, path: str) -> Any:
 
 @contextmanager
 def _service(url: str | None, data: Path | None, detach: bool) -> Iterator[Client]:
-    """A client of the service that was named, or of that of the data folder, which is started if need be."""
+    """A client of the service at `url`, or of that on the data folder, which is started if none is running."""
     if url is not None or detach:
-        with client_of(url) as client:
+        with service_client(url) as client:
             yield client
         return
     from service.client.client import Client
@@ -170,7 +170,7 @@ def _service(url: str | None, data: Path | None, detach: bool) -> Iterator[Clien
     from service.settings import DEFAULT_HOST, Settings
 
     settings = Settings.load(data=data, host=DEFAULT_HOST, port=0)
-    with running_service(settings) as (address, _), Client(address, settings.api_key) as client:
+    with running_service(settings) as (address, _), Client(address, settings.api_key) as client, with_field_errors():
         yield client
 
 
@@ -183,38 +183,38 @@ def _save(client: Client, done: CampaignStatus, csv_file: Path | None, report_fi
 
 @campaign.command("list")
 @click.option("--suite", help="Only of this suite.")
-@click.option("--limit", type=click.IntRange(1, 10_000), default=20, show_default=True, help="At most so many.")
-@click.option("--json", "as_json", is_flag=True, help="One JSON object a line.")
+@click.option("--limit", type=click.IntRange(1, 10_000), default=20, show_default=True, help="Most campaigns listed.")
+@click.option("--json", "as_json", is_flag=True, help="One JSON object per line.")
 @url_option
 def list_(suite: str | None, limit: int, as_json: bool, url: str | None) -> None:
     """List campaigns, newest first.
 
     \b
-    What was run lately:      needlebench campaign list
-    Of one suite, for others: needlebench campaign list --suite lin100-v1-quick --limit 100 --json
+    The latest ones:          needlebench campaign list
+    Of one suite, as JSON:    needlebench campaign list --suite lin100-v1-quick --limit 100 --json
     """
-    with client_of(url) as client:
-        for one in asked(lambda: list(client.campaigns(suite=suite, limit=limit))):
+    with service_client(url) as client:
+        for one in list(client.campaigns(suite=suite, limit=limit)):
             line = f"{one.id}  {one.created_at[:19]}  {one.state:<10}{100 * one.fraction:3.0f} %  {one.name}"
             click.echo(json.dumps(one.raw) if as_json else line)
 
 
 @campaign.command()
 @click.argument("campaign_id", metavar="CAMPAIGN")
-@click.option("--csv", "csv_file", metavar="FILE", type=_file, help="Write a table, one line an insertion.")
+@click.option("--csv", "csv_file", metavar="FILE", type=_file, help="Write a table, one line per insertion.")
 @click.option("--report", "report_file", metavar="FILE", type=_file, help="Write the report page.")
 @click.option("--json", "as_json", is_flag=True, help="All scores and tests as JSON.")
 @url_option
 def show(campaign_id: str, csv_file: Path | None, report_file: Path | None, as_json: bool, url: str | None) -> None:
-    """Show how a campaign goes or went; partial results while it runs.
+    """Show the progress and scores of a campaign; partial results while it runs.
 
     \b
-    Which there are:          needlebench campaign list
-    How one goes:             needlebench campaign show CAMPAIGN
-    All of it, to keep:       needlebench campaign show CAMPAIGN --csv table.csv --report report.html
+    All campaigns:            needlebench campaign list
+    One of them:              needlebench campaign show CAMPAIGN
+    Everything, into files:   needlebench campaign show CAMPAIGN --csv table.csv --report report.html
     """
-    with client_of(url) as client:
-        now = asked(lambda: client.campaign(campaign_id))
+    with service_client(url) as client:
+        now = client.campaign(campaign_id)
         results = client.campaign_results(campaign_id)
         if as_json:
             click.echo(json.dumps(results, indent=2))
@@ -228,13 +228,13 @@ def show(campaign_id: str, csv_file: Path | None, report_file: Path | None, as_j
 @click.argument("campaign_id", metavar="CAMPAIGN")
 @url_option
 def cancel(campaign_id: str, url: str | None) -> None:
-    """Cancel a campaign; what is finished stays. Once more is no error.
+    """Cancel a campaign; finished jobs are kept. Idempotent.
 
     \b
-    One of those that run:    needlebench campaign cancel CAMPAIGN
+    One of them:              needlebench campaign cancel CAMPAIGN
     """
-    with client_of(url) as client:
-        asked(lambda: client.cancel_campaign(campaign_id))
+    with service_client(url) as client:
+        client.cancel_campaign(campaign_id)
         done = client.wait_campaign(campaign_id)
         click.echo(f"{done.id} {done.state}: {where(done)}")
 
@@ -242,7 +242,7 @@ def cancel(campaign_id: str, url: str | None) -> None:
 @campaign.command()
 @click.argument("campaigns", metavar="CAMPAIGN [CAMPAIGN]", nargs=-1, required=True)
 @click.option("--controllers", metavar="A B", nargs=2, help="Two controllers of one campaign.")
-@click.option("--json", "as_json", is_flag=True, help="Every test as JSON.")
+@click.option("--json", "as_json", is_flag=True, help="All tests as JSON.")
 @url_option
 def compare(campaigns: tuple[str, ...], controllers: tuple[str, str] | None, as_json: bool, url: str | None) -> None:
     """Compare two campaigns, or two controllers of one, by paired tests.
@@ -251,16 +251,16 @@ def compare(campaigns: tuple[str, ...], controllers: tuple[str, str] | None, as_
     Before and after:         needlebench campaign compare OLD NEW
     Two controllers:          needlebench campaign compare CAMPAIGN --controllers ifem elm
     """
-    with client_of(url) as client:
-        found = asked(lambda: client.compare(campaigns, controllers))
+    with service_client(url) as client:
+        comparison = client.compare(campaigns, controllers)
     if as_json:
-        click.echo(json.dumps(found, indent=2))
+        click.echo(json.dumps(comparison, indent=2))
         return
-    if found["shared_cases"] is not None:
-        click.echo(f"{found['same_digests']} of {found['shared_cases']} shared cases have the same digest")
-    if not found["comparisons"]:
-        click.echo("they share no path")
-    for one in found["comparisons"]:
+    if comparison["shared_cases"] is not None:
+        click.echo(f"{comparison['same_digests']} of {comparison['shared_cases']} shared cases have the same digest")
+    if not comparison["comparisons"]:
+        click.echo("they have no paths in common")
+    for one in comparison["comparisons"]:
         low, high = one["difference_interval_mm"]
         interval = "" if low is None or high is None else f" [{low:+.4f}, {high:+.4f}]"
         difference = "failed" if one["difference_mm"] is None else f"{one['difference_mm']:+.4f} mm"
@@ -270,7 +270,7 @@ def compare(campaigns: tuple[str, ...], controllers: tuple[str, str] | None, as_
 
 @campaign.command()
 @click.argument("suite")
-@click.option("--json", "as_json", is_flag=True, help="One JSON object a line.")
+@click.option("--json", "as_json", is_flag=True, help="One JSON object per line.")
 @url_option
 def trend(suite: str, as_json: bool, url: str | None) -> None:
     """Show a suite over commits and dates, regressions marked.
@@ -279,10 +279,10 @@ def trend(suite: str, as_json: bool, url: str | None) -> None:
     Of a suite:               needlebench campaign trend lin100-v1-quick
     Of a grid, by its name:   needlebench campaign trend stiffness --json
     """
-    with client_of(url) as client:
-        points = asked(lambda: client.trend(suite))
+    with service_client(url) as client:
+        points = client.trend(suite)
         if not points:
-            click.echo(f"no campaign of {suite} has ended yet; which there are: needlebench campaign list", err=True)
+            click.echo(f"no campaign of {suite} has ended yet; to list campaigns: needlebench campaign list", err=True)
         for point in points:
             if as_json:
                 click.echo(json.dumps(point))

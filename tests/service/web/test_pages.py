@@ -17,8 +17,7 @@ from service.api.context import Service
 from service.recording import web_viewer as viewer_files
 from service.store import schema
 from service.store.job import Outcome
-from service.web import assets
-from service.web import formatting as words
+from service.web import assets, formatting
 from service.web.form import Group, paths, scenario_form
 from service.web.models import errors_drawing
 from simcore.errors import ScenarioError
@@ -94,12 +93,12 @@ def site(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Site]:
             "/trends": "trends",
             f"/trends/{quote(HOSTILE, safe='')}": "a trend",
             "/models": "models",
-            "/models/elm": "a model that comes along",
+            "/models/elm": "a bundled model",
             f"/models/{trained}": "a model that was trained here",
-            f"/models/{model}": "a model that was sent in",
+            f"/models/{model}": "an uploaded model",
             f"/jobs/{training}": "a training that is done",
             f"/submit?from={trained}": "form from a model",
-            "/submit?from=mlp": "form from a model that comes along",
+            "/submit?from=mlp": "form from a bundled model",
             "/compare": "comparison",
             f"/compare?a={a}": "comparison, half chosen",
             f"/compare?a={a}&b={b}": "two campaigns",
@@ -109,7 +108,7 @@ def site(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Site]:
 
 
 def _trained(http: TestClient, service: Service) -> tuple[str, str, str]:
-    """A model that was trained, the job of its training, and a model that was sent in and is steered by."""
+    """A model that was trained, the job of its training, and an uploaded model that a job steers by."""
 
     def send(data: bytes, kind: str, name: str) -> str:
         answer = http.post("/api/v1/uploads", params={"kind": kind, "name": name}, content=data)
@@ -245,7 +244,7 @@ def test_the_page_of_a_model_says_how_it_was_trained_and_who_steers_by_it(site: 
     assert elm.count("<rect") == 6
     assert "0.318 mm" in elm
     assert "9000" in elm
-    used = http.get(of["a model that was sent in"]).text
+    used = http.get(of["an uploaded model"]).text
     assert ">steered</a>" in used
     trained = http.get(of["a model that was trained here"]).text
     assert f'href="{of["a training that is done"]}"' in trained
@@ -357,7 +356,7 @@ def test_limits_of_the_form_are_those_of_the_scenario() -> None:
     [(None, "–"), (4.2, "4.2 s"), (59.6, "60 s"), (200, "3 min 20 s"), (7500, "2 h 5 min"), (259200, "3 d")],
 )
 def test_times_in_words(seconds: float | None, text: str) -> None:
-    assert words.span(seconds) == text
+    assert formatting.span(seconds) == text
 
 
 @pytest.mark.parametrize(
@@ -367,7 +366,7 @@ def test_times_in_words(seconds: float | None, text: str) -> None:
         ({"difference_mm": 0.1}, "B has a smaller RMSE than A, by 0.1000 mm"),
         ({"p_primary": 0.4}, "within what chance would give"),
         ({"p_primary": 0.4, "equivalent": True}, "shown to be equivalent"),
-        ({"p_primary": 0.06, "clusters": 5}, "too few end points to tell it from chance"),
+        ({"p_primary": 0.06, "clusters": 5}, "too few end points to tell this from chance"),
         ({"difference_mm": 0.0}, "have the same RMSE"),
         ({"difference_mm": None, "difference_interval_mm": None}, "one of them failed"),
         ({"difference_interval_mm": [-0.2, None]}, "-0.2000 to unbounded"),
@@ -384,7 +383,7 @@ def test_a_comparison_in_words(changes: dict[str, Any], text: str) -> None:
         "p_primary": 0.0004,
         "equivalent": False,
     }
-    assert text in words.sentence({**one, **changes})
+    assert text in formatting.sentence({**one, **changes})
 
 
 # ---- the viewer
@@ -399,7 +398,7 @@ def test_the_viewer_has_its_own_policy_and_no_link_to_elsewhere(
         b"<script>let one = 1;</script><script src='re_viewer.js'></script></html>"
     )
     content = dict.fromkeys(viewer_files.FILES, b"x" * 20_000) | {"index.html": page}
-    monkeypatch.setattr(viewer_files, "served", lambda: content)
+    monkeypatch.setattr(viewer_files, "viewer_files", lambda: content)
     with idle_service(tmp_path) as (http, _):
         answer = http.get("/viewer/index.html")
         assert "fonts" not in answer.text

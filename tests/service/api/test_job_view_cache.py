@@ -14,7 +14,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from service.api.context import Service
-from service.api.job_view_cache import Status, Statuses
+from service.api.job_view_cache import EncodedJob, JobViewCache
 from service.settings import Settings
 from service.store.job import IllegalTransitionError, Job, Outcome, UnknownJobError
 from service.store.jobs import Store
@@ -24,20 +24,20 @@ _GRID = {"scenario": "line", "grid": {"seed": [0, 1]}}
 
 
 def submit(store: Store) -> Job:
-    spec = {"scenario": {}}
+    spec: dict[str, Any] = {"scenario": {}}
     return store.submit(name="a", spec=spec, spec_hash="0", steps=10, priority=0, timeout_s=60.0)
 
 
-def now(statuses: Statuses, job_id: str) -> Status | None:
+def now(views: JobViewCache, job_id: str) -> EncodedJob | None:
     try:
-        return asyncio.run(statuses.of(job_id))
+        return asyncio.run(views.of(job_id))
     except UnknownJobError:
         return None
 
 
-def stored(store: Store, job_id: str) -> Status | None:
+def stored(store: Store, job_id: str) -> EncodedJob | None:
     try:
-        return Status.of(store.get(job_id))
+        return EncodedJob.of(store.get(job_id))
     except UnknownJobError:
         return None
 
@@ -72,10 +72,10 @@ def test_every_change_is_seen(changes: list[str]) -> None:
         service = Service.open(Settings(data=Path(folder)))
         job = submit(service.store)
         for what in changes:
-            assert now(service.statuses, job.id) == stored(service.store, job.id)
+            assert now(service.job_views, job.id) == stored(service.store, job.id)
             if stored(service.store, job.id) is not None:
                 change(service, what, job)
-        assert now(service.statuses, job.id) == stored(service.store, job.id)
+        assert now(service.job_views, job.id) == stored(service.store, job.id)
         service.store.close()
 
 
@@ -84,27 +84,32 @@ def test_what_is_done_to_a_campaign_is_done_to_its_jobs(tmp_path: Path, verb: st
     with idle_service(tmp_path) as (http, service):
         campaign = http.post("/api/v1/campaigns", json=_GRID).json()
         (first, second) = (job.id for job in service.store.newest())
-        assert [now(service.statuses, job_id) for job_id in (first, second)].count(None) == 0
+        assert [now(service.job_views, job_id) for job_id in (first, second)].count(None) == 0
         assert http.post(campaign["links"]["cancel"]).status_code == 202
         service.campaigns.settle()
         if verb == "delete":
             assert http.delete(campaign["links"]["self"]).status_code == 204
         for job_id in (first, second):
-            assert now(service.statuses, job_id) == stored(service.store, job_id)
+            assert now(service.job_views, job_id) == stored(service.store, job_id)
             assert http.get(f"/api/v1/jobs/{job_id}").status_code == (404 if verb == "delete" else 200)
 
 
 def test_an_unchanged_job_is_read_once(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     with idle_service(tmp_path) as (_, service):
-        job, asked = submit(service.store), []
-        get = service.store.get
-        monkeypatch.setattr(service.store, "get", lambda job_id: asked.append(job_id) or get(job_id))
+        job, get = submit(service.store), service.store.get
+        reads: list[str] = []
+
+        def counted(job_id: str) -> Job:
+            reads.append(job_id)
+            return get(job_id)
+
+        monkeypatch.setattr(service.store, "get", counted)
         for _ in range(3):
-            now(service.statuses, job.id)
-        assert asked == [job.id]
+            now(service.job_views, job.id)
+        assert reads == [job.id]
         service.store.cancel(job.id)
-        now(service.statuses, job.id)
-        assert asked == [job.id] * 2
+        now(service.job_views, job.id)
+        assert reads == [job.id] * 2
 
 
 def test_what_changes_while_it_is_read_is_not_kept(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -119,8 +124,8 @@ def test_what_changes_while_it_is_read_is_not_kept(tmp_path: Path, monkeypatch: 
 
         with monkeypatch.context() as patch:
             patch.setattr(service.store, "get", then_cancelled)
-            before = now(service.statuses, job.id)
-        after = now(service.statuses, job.id)
+            before = now(service.job_views, job.id)
+        after = now(service.job_views, job.id)
         assert before is not None
         assert after is not None
         assert (before.terminal, after.terminal) == (False, True)
@@ -128,7 +133,7 @@ def test_what_changes_while_it_is_read_is_not_kept(tmp_path: Path, monkeypatch: 
 
 def test_no_more_are_kept_than_there_is_room_for(tmp_path: Path) -> None:
     with idle_service(tmp_path) as (_, service):
-        few = Statuses(service.store, most=2)
+        few = JobViewCache(service.store, most=2)
         first, second, third = (submit(service.store).id for _ in range(3))
         for job_id in (first, second, first, third):  # the second was asked for longest ago
             now(few, job_id)

@@ -34,16 +34,16 @@ def test_a_job_that_waits_says_why(pages: tuple[TestClient, Service], monkeypatc
     http, service = pages
     first, second, third = submit(http), submit(http), submit(http)
     urgent = submit(http, priority=5)
-    assert "The workers start." in http.get(f"/jobs/{first}").text
+    assert "The workers are starting." in http.get(f"/jobs/{first}").text
     monkeypatch.setattr(type(service.engine), "ready", 2)
-    assert "It is the next one to begin." in http.get(f"/jobs/{urgent}").text
-    assert "1 job is before it; 2 run at a time." in http.get(f"/jobs/{first}").text
-    assert "2 jobs are before it" in http.get(f"/jobs/{second}").text
-    assert "3 jobs are before it" in http.get(f"/jobs/{third}").text
+    assert "It is the next one to start." in http.get(f"/jobs/{urgent}").text
+    assert "1 job is ahead of it; 2 run at a time." in http.get(f"/jobs/{first}").text
+    assert "2 jobs are ahead of it" in http.get(f"/jobs/{second}").text
+    assert "3 jobs are ahead of it" in http.get(f"/jobs/{third}").text
     monkeypatch.setattr(type(service.engine), "problem", "the disk is full")
-    assert "No job is begun: the disk is full" in http.get(f"/jobs/{first}").text
+    assert "No job can start: the disk is full" in http.get(f"/jobs/{first}").text
     assert finish(service).id == urgent
-    assert "before it" not in http.get(f"/jobs/{urgent}").text
+    assert "ahead of it" not in http.get(f"/jobs/{urgent}").text
 
 
 def test_a_job_leads_to_its_campaign_and_a_case_says_its_values(pages: tuple[TestClient, Service]) -> None:

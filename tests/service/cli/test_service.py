@@ -58,7 +58,7 @@ def test_listing_keys_makes_no_data_folder(tmp_path: Path) -> None:
     for words in (["key", "list"], ["key", "revoke", "ab"]):
         done = needlebench(*words, "--data", str(tmp_path / "nothing"))
         assert done.exit_code == 2
-        assert "is no data folder of a service" in done.stderr
+        assert "is not a service's data folder" in done.stderr
     assert not (tmp_path / "nothing").exists()
 
 
@@ -80,7 +80,7 @@ def test_keys_are_made_listed_and_revoked_in_the_data_folder(tmp_path: Path) -> 
     assert "is not shown again" in made.stderr
     assert "from now on" in made.stderr
     listed = needlebench("key", "list", *data).stdout
-    assert re.match(rf"{key_id}  admin +made \d{{4}}-.* used never +me\n", listed)
+    assert re.match(rf"{key_id}  admin +created \d{{4}}-.* used never +me\n", listed)
     assert text not in listed
     revoked = needlebench("key", "revoke", key_id, *data)
     assert (revoked.exit_code, "no key is left" in revoked.stderr) == (0, True)
@@ -89,10 +89,10 @@ def test_keys_are_made_listed_and_revoked_in_the_data_folder(tmp_path: Path) -> 
     assert needlebench("key", "create", "--note", "x" * 300, *data).exit_code == 2
 
 
-def test_keys_that_only_read_are_said_to_lock_out_whoever_submits(tmp_path: Path) -> None:
+def test_a_warning_says_when_no_key_allows_submitting(tmp_path: Path) -> None:
     data = ("--data", str(tmp_path))
     told = [
         needlebench("key", "create", "--scope", scope, *data).stderr for scope in ("read", "read", "submit", "read")
     ]
-    assert ["nobody can submit" in text for text in told] == [True, True, False, False]
-    assert ["it is the first" in text for text in told] == [True, False, False, False]
+    assert ["no key allows submitting" in text for text in told] == [True, True, False, False]
+    assert ["this is the first key" in text for text in told] == [True, False, False, False]

@@ -28,7 +28,7 @@ from simcore.rollout.dataset import VARIABLES, load_dataset
 COARSE = ("--set", "tissue.element_size_mm=12", "--set", "dt_s=0.05")
 
 
-def invoke(*arguments: str | Path) -> Result:
+def invoke(*arguments: str | int | Path) -> Result:
     return CliRunner().invoke(main, [str(argument) for argument in arguments])
 
 

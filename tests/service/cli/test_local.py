@@ -322,7 +322,7 @@ def test_run_warns_of_what_is_unusual(simulation: Simulation, source: str, tmp_p
 def test_view_of_what_is_no_recording(tmp_path: Path) -> None:
     missing, text = tmp_path / "missing.rrd", tmp_path / "text.rrd"
     text.write_text("no recording")
-    cases = {missing: "no such file", text: "not a recording that can be read", tmp_path: "no such file"}
+    cases = {missing: "no such file", text: "not a readable recording", tmp_path: "no such file"}
     for path, told in cases.items():
         result = invoke("view", str(path))
         assert result.exit_code == 1

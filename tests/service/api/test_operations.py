@@ -91,7 +91,7 @@ def test_readiness_names_what_was_looked_at(both: tuple[TestClient, Service]) ->
     told = both[0].get("/readyz").json()
     well = {"service": "ok", "workers": "warn", "disk": "ok", "data folder": "ok", "database": "ok"}
     assert levels(told) == well
-    assert told["warnings"] == ["workers: 0 of 2 workers are warm; wait: they start and compile"]
+    assert told["warnings"] == ["workers: 0 of 2 workers are warm; wait: they are starting and compiling"]
 
 
 def test_readiness_warns_of_a_disk_that_runs_short_and_then_refuses(
