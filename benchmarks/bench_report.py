@@ -3,14 +3,17 @@
 from __future__ import annotations
 
 import json
-from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
-from benchmarks.measurements import Part
 from benchmarks.performance.reference_kernels import UNIT
 from simcore.errors import Problem, ScenarioError
 from simcore.provenance import provenance
 from simcore.scenario.presets import preset
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+    from benchmarks.measurements import Part
 
 SCHEMA = "needlebench/bench/1"
 FIGURE_FIELDS = ("median", "iqr", "runs", "unit", "better", "target", "met", "note")

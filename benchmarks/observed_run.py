@@ -6,17 +6,21 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import NDArray
 
-from simcore.rollout.records import Scene, StepRecord
-from simcore.rollout.result import Rollout
 from simcore.rollout.rollout import compile_kernels, run
 from simcore.rollout.series import lateral_forces
 from simcore.scenario.scenario import Scenario
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+    from numpy.typing import NDArray
+
+    from simcore.rollout.records import Scene, StepRecord
+    from simcore.rollout.result import Rollout
 
 JOB = "benchmarks.observed_run:job"
 _FILE = "observed.npz"

@@ -4,14 +4,16 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Sequence
-from contextlib import AbstractContextManager
 from dataclasses import dataclass
-from pathlib import Path
-from typing import Any, Protocol
+from typing import TYPE_CHECKING, Any, Protocol
 
-from benchmarks.observed_run import ObservedRun
-from simcore.rollout.records import Observer
-from simcore.scenario.scenario import Scenario
+if TYPE_CHECKING:
+    from contextlib import AbstractContextManager
+    from pathlib import Path
+
+    from benchmarks.observed_run import ObservedRun
+    from simcore.rollout.records import Observer
+    from simcore.scenario.scenario import Scenario
 
 Clock = Callable[[], float]
 

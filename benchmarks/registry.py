@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
-from benchmarks.measurements import Part
 from benchmarks.performance.kernels import micro
 from benchmarks.performance.recording_cost import recording
 from benchmarks.performance.scaling import scaling
@@ -13,10 +12,15 @@ from benchmarks.performance.start_and_memory import memory, start
 from benchmarks.performance.step_profile import profile
 from benchmarks.performance.throughput import throughput
 from benchmarks.performance.whole_step import step
-from benchmarks.ports import BenchPorts
 from benchmarks.studies.convergence import convergence
 from benchmarks.studies.forces import forces
 from simcore.errors import Problem, ScenarioError
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Sequence
+
+    from benchmarks.measurements import Part
+    from benchmarks.ports import BenchPorts
 
 
 @dataclass(frozen=True)

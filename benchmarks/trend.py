@@ -8,9 +8,12 @@ from __future__ import annotations
 
 import math
 import statistics
-from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from enum import StrEnum
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping, Sequence
 
 SIGNIFICANCE = 0.01  # [ours] two-tailed p below which a difference of paired errors is taken to be real
 WORTH_MM = 0.005  # [ours] median difference below which a real one is not worth a mark

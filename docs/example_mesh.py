@@ -9,11 +9,14 @@ Physical groups: `tissue`, the volume; `top`, `side` and `base`, its surface.
 from __future__ import annotations
 
 import sys
-from collections.abc import Sequence
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
 
 Vector = NDArray[np.float64]
 Indices = NDArray[np.int64]

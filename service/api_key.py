@@ -7,7 +7,10 @@ import re
 import secrets
 import sqlite3
 from contextlib import closing
-from pathlib import Path
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from pathlib import Path
 
 _FORM = re.compile(r"nb_([0-9a-f]{10})_[A-Za-z0-9_-]{43}")
 

@@ -2,15 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import AsyncIterator
 from contextlib import asynccontextmanager
-from typing import Any, cast
+from typing import TYPE_CHECKING, Any, cast
 
 import anyio.to_thread
 from fastapi import FastAPI
 
 from service.api import openapi, problems
-from service.api.context import Service
 from service.api.middleware.body_limit import BodyLimit
 from service.api.middleware.framework_errors import PlainTextErrors
 from service.api.middleware.head_requests import HeadAsGet
@@ -25,6 +23,11 @@ from service.web import campaigns as campaign_pages
 from service.web import jobs as job_pages
 from service.web import models as model_pages
 from service.web import schedules as schedule_pages
+
+if TYPE_CHECKING:
+    from collections.abc import AsyncIterator
+
+    from service.api.context import Service
 
 DESCRIPTION = """Robotic needle insertions in deforming tissue, as jobs: submit a scenario, follow it, fetch its
 metrics, series and recording. Every error is `application/problem+json` (RFC 9457)."""
@@ -66,7 +69,7 @@ def create_app(service: Service) -> FastAPI:
     for page in PAGES:
         app.include_router(page.router)
     _guard(app, service)
-    app.add_middleware(cast(Any, RequestLog), monitor=service.monitor)
+    app.add_middleware(cast("Any", RequestLog), monitor=service.monitor)
     return app
 
 
@@ -74,8 +77,8 @@ def _guard(app: FastAPI, service: Service) -> None:
     """The layers around the routes; the last one added sees a request first."""
     limits, settings = service.settings.limits, service.settings
     uploads = {"/api/v1/uploads": limits.upload_bytes}
-    app.add_middleware(cast(Any, PlainTextErrors))
-    app.add_middleware(cast(Any, HeadAsGet))
-    app.add_middleware(cast(Any, BodyLimit), maximum_bytes=limits.body_bytes, exceptions=uploads)
-    app.add_middleware(cast(Any, KeyGuard), keys=service.keys, rate_per_key=limits.rate_per_key)
-    app.add_middleware(cast(Any, HostGuard), loopback=settings.loopback)
+    app.add_middleware(cast("Any", PlainTextErrors))
+    app.add_middleware(cast("Any", HeadAsGet))
+    app.add_middleware(cast("Any", BodyLimit), maximum_bytes=limits.body_bytes, exceptions=uploads)
+    app.add_middleware(cast("Any", KeyGuard), keys=service.keys, rate_per_key=limits.rate_per_key)
+    app.add_middleware(cast("Any", HostGuard), loopback=settings.loopback)

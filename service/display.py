@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Iterator
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from simcore.scenario.scenario import Scenario
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
 
 
 def job_text(scenario: Scenario, result: dict[str, Any] | None) -> str:

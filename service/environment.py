@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
-from typing import Any, Self
+from typing import TYPE_CHECKING, Any, Self
 
 from pydantic import Field, ValidationError
-from pydantic.fields import FieldInfo
 from pydantic_settings import BaseSettings, EnvSettingsSource, PydanticBaseSettingsSource, SettingsConfigDict
 
 from simcore.errors import Problem, ScenarioError
+
+if TYPE_CHECKING:
+    from pydantic.fields import FieldInfo
 
 
 class SettingsError(ScenarioError):

@@ -7,11 +7,13 @@ import logging
 import sys
 import time
 import warnings
-from collections.abc import Iterator
 from contextlib import contextmanager, redirect_stderr, redirect_stdout
 from contextvars import ContextVar
-from pathlib import Path
-from typing import Any, Literal, TextIO
+from typing import TYPE_CHECKING, Any, Literal, TextIO
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+    from pathlib import Path
 
 LOG = "job.log"
 MAXIMUM_BYTES = 10 * 2**20  # of one job's log; what comes later is left out
@@ -26,6 +28,7 @@ class JsonLines(logging.Formatter):
     """One JSON object a line: time (UTC), level, logger, message, and the job or request that it belongs to."""
 
     def format(self, record: logging.LogRecord) -> str:
+        """The record as a line of JSON."""
         line: dict[str, Any] = {
             "time": _moment(record.created),
             "level": record.levelname.lower(),
@@ -41,7 +44,7 @@ class JsonLines(logging.Formatter):
 
 
 class _Text(logging.Formatter):
-    def formatTime(self, record: logging.LogRecord, datefmt: str | None = None) -> str:
+    def formatTime(self, record: logging.LogRecord, datefmt: str | None = None) -> str:  # noqa: N802, ARG002  (logging's)
         return _moment(record.created)
 
 
@@ -99,7 +102,7 @@ class _Bounded(logging.FileHandler):
             )
         super().emit(record)
 
-    def handleError(self, record: logging.LogRecord) -> None:
+    def handleError(self, record: logging.LogRecord) -> None:  # noqa: N802  (logging's)
         """A log that cannot be written is no reason to stop a job."""
 
 

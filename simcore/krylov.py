@@ -5,11 +5,14 @@ The preconditioner may be anything, rounded or inexact: the solution is made of 
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from typing import TYPE_CHECKING
 
 import numpy as np
 
-from simcore.arrays import Floats
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from simcore.arrays import Floats
 
 BREAKDOWN = 1e-13  # a new direction smaller than this, relative to the vector it came from, is rounding
 

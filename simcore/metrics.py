@@ -7,14 +7,16 @@ never above 2 mm for more than 0.5 s) are two things.
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from simcore.arrays import Floats
 from simcore.errors import Status
-from simcore.trajectory import Path
+
+if TYPE_CHECKING:
+    from simcore.arrays import Floats
+    from simcore.trajectory import Path
 
 Series = Mapping[str, NDArray[Any]]
 

@@ -6,11 +6,14 @@ A rotation matrix maps body components to world components. A spin increment dw 
 from __future__ import annotations
 
 import math
+from typing import TYPE_CHECKING
 
 import numpy as np
 
-from simcore.arrays import Floats
 from simcore.compiled import kernel
+
+if TYPE_CHECKING:
+    from simcore.arrays import Floats
 
 _SERIES_BELOW = 0.25  # squared angle; above it the closed forms keep 12 digits and more
 

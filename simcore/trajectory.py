@@ -9,10 +9,12 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 from functools import cached_property
+from typing import TYPE_CHECKING
 
 import numpy as np
 
-from simcore.arrays import Floats
+if TYPE_CHECKING:
+    from simcore.arrays import Floats
 
 _PANELS = 512
 _NARROWINGS = 40  # of the bracket around the nearest point: (2/3)^40 of a millimetre is below a nanometre

@@ -6,15 +6,17 @@ import math
 import os
 import subprocess
 import sys
-from collections.abc import Iterator
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pytest
 
 from tests import verification
 from tests.verification import Case, page, verify
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
 
 ROOT = Path(__file__).resolve().parents[1]
 CASE: dict[str, Any] = {"expected": 2.0, "measured": 2.0, "tolerance": 0.1, "source": "Hooke"}

@@ -9,13 +9,15 @@ from __future__ import annotations
 import os
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Literal, get_args
+from typing import TYPE_CHECKING, Any, Literal, get_args
 
 import numpy as np
-import pytest
-from numpy.typing import ArrayLike, NDArray
 
 from simcore.provenance import provenance
+
+if TYPE_CHECKING:
+    import pytest
+    from numpy.typing import ArrayLike, NDArray
 
 Part = Literal["tissue", "needle", "coupled", "control", "forces", "reproducibility"]
 PARTS: tuple[str, ...] = get_args(Part)

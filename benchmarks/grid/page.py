@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Iterable
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from benchmarks.paper.figures import COLOUR_OF, box_mark, pictures
 from benchmarks.paper.page import render
 from benchmarks.paper.table import REFERENCES, arm_name
 from benchmarks.svg_plot import Line, Panel
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable
 
 Json = dict[str, Any]
 WIDE = 30.0  # ratio of the largest to the smallest value from which an axis is logarithmic

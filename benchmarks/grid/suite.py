@@ -5,13 +5,15 @@ from __future__ import annotations
 import itertools
 import json
 import math
-from collections.abc import Mapping, Sequence
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from benchmarks.cases import Case, Label, Suite
 from simcore.errors import Problem, ScenarioError
 from simcore.scenario.presets import with_changes
 from simcore.scenario.scenario import Scenario
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping, Sequence
 
 MAXIMUM_CASES = 20_000
 

@@ -3,14 +3,16 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from simcore.learning import Regressor, TrainedModel
 from simcore.learning.regressor import DataError
-from simcore.rollout.dataset import Dataset, Split
+
+if TYPE_CHECKING:
+    from simcore.rollout.dataset import Dataset, Split
 
 Vector = NDArray[np.float64]
 

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -12,6 +12,9 @@ from benchmarks.paper import statistics
 from benchmarks.paper.comparison import Comparison, compare, pair_rows
 from benchmarks.paper.statistics import FLOOR_MM, Interval, bootstrap_median, wilson
 from benchmarks.paper.table import REFERENCES, Row, arms, by_group, main_rows, only
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
 
 CLOSE_MM = 1.0  # an insertion whose error never exceeds it
 RATIO_TARGET = 0.4  # of the open-loop RMSE on curved paths [ours]

@@ -8,8 +8,8 @@ than those of the experiments decides nothing, whatever it finds.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import replace
+from typing import TYPE_CHECKING
 
 from benchmarks.paper import statistics
 from benchmarks.paper.direction_claims import direction_claim
@@ -29,6 +29,9 @@ from benchmarks.paper.failure_places import border_mm
 from benchmarks.paper.number_text import effect_text, millimetres, p_value, share_text
 from benchmarks.paper.table import ALL, Row, arm_name, main_rows
 from benchmarks.paper.timing import PAPER_REDUCTIONS, Saving
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
 
 DIFFERENT = 0.05  # [paper] of constant against variable Young's modulus
 PAPER_STABLE = 0.98  # [paper] under variable Young's modulus

@@ -5,13 +5,15 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from benchmarks.paper import statistics
 from benchmarks.paper.statistics import Interval, Vector
-from benchmarks.paper.table import Row
+
+if TYPE_CHECKING:
+    from benchmarks.paper.table import Row
 
 
 @dataclass(frozen=True)

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+from typing import TYPE_CHECKING
+
 from benchmarks.paper import statistics
-from benchmarks.paper.comparison import Comparison
 from benchmarks.paper.evidence import (
     CONTRADICTED,
     NOT_TESTABLE,
@@ -14,6 +15,9 @@ from benchmarks.paper.evidence import (
     change_text,
 )
 from benchmarks.paper.number_text import effect_text, millimetres, p_value
+
+if TYPE_CHECKING:
+    from benchmarks.paper.comparison import Comparison
 
 SIGNIFICANT = 0.01  # [paper] of the two directions
 

@@ -3,15 +3,19 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 from benchmarks.paper.analysis import PRIMARY, Contrast, Score, under
-from benchmarks.paper.comparison import Comparison
-from benchmarks.paper.learning_studies import SeedShare
 from benchmarks.paper.number_text import signed_text
 from benchmarks.paper.table import GROUPS, Row, main_rows
-from benchmarks.paper.timing import Saving
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from benchmarks.paper.comparison import Comparison
+    from benchmarks.paper.learning_studies import SeedShare
+    from benchmarks.paper.timing import Saving
 
 REPRODUCED, CONTRADICTED, NOT_TESTABLE = "reproduced", "contradicted", "not testable"
 PAPER_END_POINTS = 100  # [paper] a sample that large and still nothing: the claim does not hold

@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
-from typing import Any
+from typing import TYPE_CHECKING, Any
 from xml.sax.saxutils import escape
 
 from benchmarks.paper.table import ALL, GROUPS, arm_name, in_order
 from benchmarks.svg_plot import COLOURS, PALE, Axis, BoxMark, Line, Panel, fitted_axis, number, picture, svg, text
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
 
 Json = dict[str, Any]
 

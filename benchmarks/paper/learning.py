@@ -2,15 +2,19 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from benchmarks.learning.training import SPLITS, train_model
 from benchmarks.paper.learning_studies import LearningPoint
 from simcore.learning import ExtremeLearningMachine
-from simcore.rollout.dataset import Dataset
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator, Sequence
+
+    from simcore.rollout.dataset import Dataset
 
 CURVE_SEEDS = 5
 

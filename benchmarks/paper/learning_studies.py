@@ -3,13 +3,16 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 from benchmarks.paper import statistics
 from benchmarks.paper.analysis import PRIMARY, under
 from benchmarks.paper.comparison import compare, pair_rows
 from benchmarks.paper.table import Row, groups, main_rows, only
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
 
 # ---- seeds
 

@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import math
+from typing import TYPE_CHECKING
 
-from benchmarks.paper.statistics import Interval
+if TYPE_CHECKING:
+    from benchmarks.paper.statistics import Interval
 
 
 def share_text(value: float, interval: Interval) -> str:

@@ -6,9 +6,8 @@ It neither runs nor stores anything itself: `PaperPorts` provides whatever runs,
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any, Protocol
+from typing import TYPE_CHECKING, Any, Protocol
 
 import numpy as np
 
@@ -19,7 +18,11 @@ from benchmarks.paper.plan import Plan, Stage, elm_names, model_names
 from benchmarks.paper.suites import resolve_cases
 from benchmarks.paper.table import TRAINING
 from simcore.errors import NeedlebenchError
-from simcore.rollout.dataset import Dataset, Table
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterable, Mapping, Sequence
+
+    from simcore.rollout.dataset import Dataset, Table
 
 DATA_SEED = 0
 RECORDED_ARMS, RECORDED_GROUPS = ("ifem", "elm"), ("LIN", "CUR")

@@ -5,14 +5,17 @@ from __future__ import annotations
 import hashlib
 import json
 import math
-from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from benchmarks.cases import Case
-from benchmarks.paper.scale import Scale
 from benchmarks.paper.suites import paper_cases, seed_cases, sensitivity_cases, timing_cases, training_cases
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from benchmarks.paper.scale import Scale
 
 SPEED_MM_S = 10.0
 PERTURBATION_SOLVES = 18.0  # cost of a step whose Jacobian is perturbed, in plain steps; measured

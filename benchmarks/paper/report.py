@@ -5,13 +5,10 @@ from __future__ import annotations
 
 import json
 import math
-from collections.abc import Mapping, Sequence
-from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from benchmarks.cases import Outcome
 from benchmarks.paper import statistics
 from benchmarks.paper.analysis import (
     CLOSE_MM,
@@ -33,6 +30,12 @@ from benchmarks.paper.page import html
 from benchmarks.paper.table import Row, arm_name, insertions_csv, main_rows, rows
 from benchmarks.paper.timing import PAPER_REDUCTIONS, costs, savings
 from simcore.rollout.artefacts import replace_atomically
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping, Sequence
+    from pathlib import Path
+
+    from benchmarks.cases import Outcome
 
 SCHEMA = "needlebench/paper/1"
 JSON, HTML, CSV, HEADLINE = "report.json", "report.html", "insertions.csv", "headline.svg"

@@ -4,11 +4,14 @@ everything and stays in. All tests are two-tailed; randomness comes from a seed.
 from __future__ import annotations
 
 import math
-from collections.abc import Hashable, Sequence
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
+
+if TYPE_CHECKING:
+    from collections.abc import Hashable, Sequence
 
 # scipy.stats is imported where it is used: it takes most of a second, and a service starts without it
 Vector = NDArray[np.float64]

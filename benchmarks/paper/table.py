@@ -7,10 +7,12 @@ import io
 import math
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
-from benchmarks.cases import Label, Outcome
 from simcore.metrics import MEASURED
+
+if TYPE_CHECKING:
+    from benchmarks.cases import Label, Outcome
 
 ALL = "ALL"
 TRAINING = "DATA"  # group of the data set's insertions, in no comparison

@@ -6,14 +6,17 @@ Only an interleaved pass of one worker is compared; each figure is the median of
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from benchmarks.paper import statistics
 from benchmarks.paper.statistics import Interval, bootstrap_median
 from benchmarks.paper.table import Row, arm_name
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
 
 PAPER_REDUCTIONS = {  # share of the I-FEM time that is said to be saved [paper]
     "text": 0.60,

@@ -3,21 +3,24 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from benchmarks.builtin_scenarios import benchmark_scenario
 from benchmarks.measurements import Figure, Part, figure
 from benchmarks.performance.step_clock import MeasurementError, limit_of
-from benchmarks.ports import BenchPorts, Clock
 from simcore.errors import Status
-from simcore.insertion.insertion import Insertion, InsertionState
 from simcore.insertion.response import linear_response
 from simcore.insertion.state import Pose
 from simcore.needle.beam import internal
 from simcore.rollout.rollout import compile_kernels
 from simcore.scenario.build import insertion_of
-from simcore.scenario.scenario import Scenario
+
+if TYPE_CHECKING:
+    from benchmarks.ports import BenchPorts, Clock
+    from simcore.insertion.insertion import Insertion, InsertionState
+    from simcore.scenario.scenario import Scenario
 
 ROUNDS = 30
 CALLS = 10

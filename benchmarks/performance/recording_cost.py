@@ -5,13 +5,16 @@ from __future__ import annotations
 import os
 import time
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 from benchmarks.builtin_scenarios import benchmark_scenario
 from benchmarks.measurements import Part, figure
 from benchmarks.performance.step_clock import MeasurementError
-from benchmarks.ports import BenchPorts
 from simcore.rollout.rollout import run
-from simcore.scenario.scenario import Scenario
+
+if TYPE_CHECKING:
+    from benchmarks.ports import BenchPorts
+    from simcore.scenario.scenario import Scenario
 
 ROUNDS = 7
 

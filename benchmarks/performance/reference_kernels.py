@@ -18,7 +18,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable
-from typing import TypeVar, cast
+from typing import TYPE_CHECKING, TypeVar, cast
 
 import numpy as np
 import scipy.sparse
@@ -26,9 +26,11 @@ from numpy.typing import NDArray
 from scipy.sparse.linalg import splu
 
 import simcore.compiled  # noqa: F401  (decides where numba keeps its cache, before numba is imported)
-from simcore.mesh.mesh import BoxMesh
 
 import numba  # isort: skip
+
+if TYPE_CHECKING:
+    from simcore.mesh.mesh import BoxMesh
 
 Vector = NDArray[np.float64]
 Indices = NDArray[np.int64]
@@ -41,7 +43,7 @@ BEND = 0.08  # displacement over length of the deformation in which the forces a
 
 def _frozen_kernel(function: Function) -> Function:
     """Numba as it stood when L0 was frozen; independent of `simcore.compiled.kernel`."""
-    return cast(Function, numba.njit(cache=True, error_model="numpy")(function))
+    return cast("Function", numba.njit(cache=True, error_model="numpy")(function))
 
 
 class ReferenceStep:

@@ -2,16 +2,20 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from benchmarks.builtin_scenarios import benchmark_scenario, with_blocks
 from benchmarks.measurements import EXPONENT_MARGIN, Figure, Part, Table, Target, figure
 from benchmarks.performance.step_clock import TimedRun, limit_of, timed_run
-from benchmarks.ports import BenchPorts
 from benchmarks.svg_plot import Line, Panel, svg
-from simcore.scenario.scenario import Scenario
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from benchmarks.ports import BenchPorts
+    from simcore.scenario.scenario import Scenario
 
 ROUNDS = 3
 EDGES_MM, QUICK_EDGES_MM = (7.5, 6.0, 5.0, 4.0), (15.0, 10.0)

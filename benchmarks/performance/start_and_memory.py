@@ -4,14 +4,17 @@ from __future__ import annotations
 
 import shutil
 import tempfile
+from typing import TYPE_CHECKING
 
 from benchmarks.builtin_scenarios import benchmark_scenario, with_blocks
 from benchmarks.measurements import Figure, Part, figure, missing_figure
 from benchmarks.performance.probe import ProbeResult, probe
 from benchmarks.performance.step_clock import MeasurementError
-from benchmarks.ports import BenchPorts
 from simcore.errors import Status
-from simcore.scenario.scenario import Scenario
+
+if TYPE_CHECKING:
+    from benchmarks.ports import BenchPorts
+    from simcore.scenario.scenario import Scenario
 
 WARM_ROUNDS, COLD_ROUNDS, MEMORY_ROUNDS = 7, 2, 2
 MESHES = {1617: 6.0, 5270: 4.0}  # nodes -> edge, mm

@@ -3,19 +3,22 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
 from benchmarks.performance.reference_kernels import ReferenceStep
-from benchmarks.ports import Clock
 from simcore.errors import NeedlebenchError, Status
 from simcore.mesh.mesh import BoxMesh
-from simcore.rollout.records import Scene, StepRecord
-from simcore.rollout.result import Rollout
 from simcore.rollout.rollout import run
 from simcore.scenario.build import insertion_of
-from simcore.scenario.scenario import Scenario
+
+if TYPE_CHECKING:
+    from benchmarks.ports import Clock
+    from simcore.rollout.records import Scene, StepRecord
+    from simcore.rollout.result import Rollout
+    from simcore.scenario.scenario import Scenario
 
 Vector = NDArray[np.float64]
 

@@ -5,22 +5,25 @@ from __future__ import annotations
 import functools
 import sys
 from collections import defaultdict
-from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from benchmarks.builtin_scenarios import benchmark_scenario
 from benchmarks.measurements import Part, Table
-from benchmarks.ports import BenchPorts, Clock
 from simcore.controllers import ifem, plant_model
 from simcore.insertion import compliance, insertion, iteration
 from simcore.rollout import series
-from simcore.rollout.records import Scene, StepRecord
-from simcore.rollout.result import Rollout
 from simcore.rollout.rollout import _Loop, run
-from simcore.scenario.scenario import Scenario
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterator
+
+    from benchmarks.ports import BenchPorts, Clock
+    from simcore.rollout.records import Scene, StepRecord
+    from simcore.rollout.result import Rollout
+    from simcore.scenario.scenario import Scenario
 
 PYTHON = "Python between the kernels"
 STAGES = {  # kernel -> stage; a kernel that is not here is listed under its own name

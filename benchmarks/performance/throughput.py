@@ -2,9 +2,13 @@
 
 from __future__ import annotations
 
+from typing import TYPE_CHECKING
+
 from benchmarks.builtin_scenarios import benchmark_scenario
 from benchmarks.measurements import Part, figure
-from benchmarks.ports import BenchPorts
+
+if TYPE_CHECKING:
+    from benchmarks.ports import BenchPorts
 
 ROUNDS = 5
 

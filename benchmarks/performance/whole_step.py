@@ -2,12 +2,16 @@
 
 from __future__ import annotations
 
+from typing import TYPE_CHECKING
+
 import numpy as np
 
 from benchmarks.builtin_scenarios import benchmark_scenario, is_supported
 from benchmarks.measurements import Figure, Part, figure, missing_figure
 from benchmarks.performance.step_clock import TimedRun, limit_of, timed_run
-from benchmarks.ports import BenchPorts
+
+if TYPE_CHECKING:
+    from benchmarks.ports import BenchPorts
 
 ROUNDS = 5
 SLOW = ("exact", "perturbation")  # measured in the first round only: some 50 ms a step

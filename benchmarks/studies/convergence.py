@@ -8,18 +8,20 @@ sum |lambda| are reported with it.
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from benchmarks.builtin_scenarios import benchmark_scenario, with_blocks
-from benchmarks.measurements import Part
 from benchmarks.observed_run import ObservedRun, observe
-from benchmarks.ports import BenchPorts
 from benchmarks.studies.convergence_report import VariantRow, study_part
 from benchmarks.studies.replayed_poses import replay_block
-from simcore.scenario.scenario import Scenario
+
+if TYPE_CHECKING:
+    from benchmarks.measurements import Part
+    from benchmarks.ports import BenchPorts
+    from simcore.scenario.scenario import Scenario
 
 Vector = NDArray[np.float64]
 

@@ -4,13 +4,17 @@ from __future__ import annotations
 
 import csv
 import io
-from collections.abc import Sequence
 from dataclasses import astuple, dataclass, fields
+from typing import TYPE_CHECKING
 
 from benchmarks.measurements import Figure, Part, Table, figure
-from benchmarks.observed_run import ObservedRun
 from benchmarks.svg_plot import Line, Panel, svg
-from simcore.scenario.scenario import Scenario
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from benchmarks.observed_run import ObservedRun
+    from simcore.scenario.scenario import Scenario
 
 MEASURES = (  # field of VariantRow, title, unit
     ("tip_max_mm", "largest tip difference", "mm"),

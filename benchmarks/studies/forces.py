@@ -10,6 +10,7 @@ import csv
 import io
 import math
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,7 +19,6 @@ from benchmarks.builtin_scenarios import benchmark_scenario, with_blocks
 from benchmarks.measurements import Figure, Part, Table, figure
 from benchmarks.observed_run import ObservedRun, observe
 from benchmarks.performance.step_clock import MeasurementError
-from benchmarks.ports import BenchPorts
 from benchmarks.studies.bovine_liver import (
     CITATION,
     CUTTING_N,
@@ -29,7 +29,10 @@ from benchmarks.studies.bovine_liver import (
     friction_n_per_mm,
 )
 from benchmarks.svg_plot import Band, Line, Panel, svg
-from simcore.scenario.scenario import Scenario
+
+if TYPE_CHECKING:
+    from benchmarks.ports import BenchPorts
+    from simcore.scenario.scenario import Scenario
 
 Vector = NDArray[np.float64]
 

@@ -3,11 +3,15 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from typing import TYPE_CHECKING
 
 from benchmarks.svg_plot.axis import Axis, fitted_axis
 from benchmarks.svg_plot.elements import COLOURS, GRID, INK, PALE, number, picture, text
-from benchmarks.svg_plot.panel import BoxMark, Line, Panel
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from benchmarks.svg_plot.panel import BoxMark, Line, Panel
 
 LEFT, RIGHT, TOP, BOTTOM = 68, 14, 34, 44  # px around the axes of a panel
 LEGEND_ROW, GLYPH = 16, 6.1  # px: height of a row, mean width of a letter at size 11

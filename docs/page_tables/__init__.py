@@ -7,9 +7,12 @@ README, which nobody builds, holds its parts between `<!-- NAME -->` and `<!-- /
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from typing import TYPE_CHECKING
 
 from page_tables import interfaces, model, results
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
 
 PARTS: dict[str, Callable[..., str]] = {
     "parameters": model.parameter_table,

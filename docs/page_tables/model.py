@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 import inspect
-from collections.abc import Iterator
-from typing import get_args
+from typing import TYPE_CHECKING, get_args
 
 from pydantic import BaseModel
 
@@ -12,6 +11,9 @@ from page_tables.markdown import table
 from simcore.metric_definitions import METRICS, SERIES, STATUSES
 from simcore.scenario.parameters import Parameter, parameters
 from simcore.scenario.scenario import Scenario
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
 
 TOP = "scenario"  # the fields that are in no block
 

@@ -6,13 +6,15 @@ import csv
 import json
 import statistics
 from collections import Counter
-from collections.abc import Callable, Sequence
 from functools import cache
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from benchmarks.paper.table import ARMS, GROUPS, arm_name
 from page_tables.markdown import percent, signed_percent, table
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Sequence
 
 RESULTS = Path(__file__).parents[2] / "benchmarks" / "results"
 Row = dict[str, str]

@@ -2,24 +2,27 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass, replace
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 from pydantic import BaseModel, ConfigDict, Field, StringConstraints, model_validator
 
-from benchmarks.cases import Case, Suite
 from benchmarks.grid.suite import grid
 from benchmarks.paper.suites import suite
 from service.admission.cost import TYPICAL_STEP_S, Cost, check_cost, time_limit_s
-from service.files.upload_names import UploadLookup
-from service.settings import Limits
 from service.store.campaign import CampaignPlan, PlannedJob
 from service.store.job import TIME_LIMIT, TimeLimit, content_hash
 from simcore.errors import Problem, ScenarioError
 from simcore.file_names import names_mean
 from simcore.scenario.presets import start
 from simcore.scenario.scenario import Scenario
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from benchmarks.cases import Case, Suite
+    from service.files.upload_names import UploadLookup
+    from service.settings import Limits
 
 LOW_PRIORITY = -10  # single jobs, which people wait for, go first
 

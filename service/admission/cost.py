@@ -9,14 +9,17 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 
-from service.settings import Limits
 from simcore.errors import Problem, ScenarioError
-from simcore.scenario.blocks import Tissue
 from simcore.scenario.controller_blocks import InverseFem, SeparateModel
-from simcore.scenario.scenario import Scenario
+
+if TYPE_CHECKING:
+    from service.settings import Limits
+    from simcore.scenario.blocks import Tissue
+    from simcore.scenario.scenario import Scenario
 
 TYPICAL_STEP_S = 3e-3  # of a step, where no job has been measured yet
 BASE_MB = 400.0  # Python with every library of a job, Rerun too

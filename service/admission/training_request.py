@@ -4,15 +4,17 @@ from __future__ import annotations
 
 import importlib.util
 import math
-from typing import Annotated, Any, Literal
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 from pydantic import BaseModel, ConfigDict, Field
 
 from service.files.upload_names import SCHEME, UPLOAD_ID
-from service.settings import Limits
-from service.store.uploads import Upload
 from service.worker.training_job import SETTINGS, STAGES, new_regressor
 from simcore.errors import Problem, ScenarioError
+
+if TYPE_CHECKING:
+    from service.settings import Limits
+    from service.store.uploads import Upload
 
 ModelKind = Literal["elm", "linear", "neighbours", "mlp"]
 STEPS = len(STAGES)  # of a training job

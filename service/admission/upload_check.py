@@ -11,11 +11,13 @@ import struct
 import subprocess
 import sys
 import zipfile
-from collections.abc import Callable
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from service.files.model_content import dataset_content, model_content
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
 
 MEMORY_MB = 2000
 TIME_S = 60

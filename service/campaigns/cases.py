@@ -4,12 +4,15 @@ from __future__ import annotations
 
 import math
 import statistics
-from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any, Literal
+from typing import TYPE_CHECKING, Any, Literal
 
 from benchmarks.paper.table import Row, arms, by_group, main_rows, only
-from service.store.campaign import CampaignCase
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from service.store.campaign import CampaignCase
 
 Column = Literal["number", "case", "state", "outcome", "rmse", "max", "final", "step"]
 

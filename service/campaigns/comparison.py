@@ -2,17 +2,21 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
-from benchmarks.cases import Outcome
 from benchmarks.paper.analysis import at_floor
 from benchmarks.paper.comparison import Comparison, compare
 from benchmarks.paper.table import Row, arms, by_group, main_rows, only, rows
 from service.campaigns.results import outcomes
 from service.store.campaign import UnknownCampaignError
-from service.store.campaigns import CampaignStore
 from simcore.errors import Problem, ScenarioError
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from benchmarks.cases import Outcome
+    from service.store.campaigns import CampaignStore
 
 
 @dataclass(frozen=True, kw_only=True)

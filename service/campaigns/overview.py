@@ -2,12 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
-from service.store.campaign import Campaign, Tally
-from service.store.campaigns import CampaignStore
 from service.store.paging import Page, read_page
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from service.store.campaign import Campaign, Tally
+    from service.store.campaigns import CampaignStore
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -3,10 +3,8 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Sequence
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
-from benchmarks.cases import Outcome
 from benchmarks.grid import page as grid_page
 from benchmarks.grid import report as grid_report
 from benchmarks.paper.failure_places import notable_cases
@@ -14,7 +12,12 @@ from benchmarks.paper.page import html
 from benchmarks.paper.report import document
 from benchmarks.paper.table import rows
 from service.campaigns.results import origin, outcomes
-from service.store.campaign import Campaign, CampaignCase
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from benchmarks.cases import Outcome
+    from service.store.campaign import Campaign, CampaignCase
 
 
 def report(campaign: Campaign, cases: Sequence[CampaignCase]) -> dict[str, Any]:

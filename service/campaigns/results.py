@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from benchmarks.cases import Case, Outcome
-from service.store.campaign import CampaignCase
 from service.store.job import TERMINAL
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable
+
+    from service.store.campaign import CampaignCase
 
 
 def outcomes(cases: Iterable[CampaignCase]) -> list[Outcome]:

@@ -4,16 +4,19 @@ from __future__ import annotations
 
 import math
 import statistics
-from collections.abc import Sequence
 from dataclasses import asdict, dataclass
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
-from benchmarks.cases import Outcome
 from benchmarks.paper.table import rows
 from benchmarks.trend import Judgement, Loss, Point, judge_all, lasting_losses
 from service.campaigns.results import origin, outcomes
-from service.store.campaign import Campaign
-from service.store.campaigns import CampaignStore
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from benchmarks.cases import Outcome
+    from service.store.campaign import Campaign
+    from service.store.campaigns import CampaignStore
 
 MOST_POINTS = 200
 _PARTS = ("plant", "jacobian", "command")  # of a step; recording is left out, a campaign can do without

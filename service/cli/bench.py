@@ -11,7 +11,6 @@ import sys
 import tempfile
 import time
 import uuid
-from collections.abc import Callable, Iterator, Sequence
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, BinaryIO
@@ -22,6 +21,8 @@ from service.blas_threads import one_thread
 from simcore.errors import NeedlebenchError, Problem, ScenarioError
 
 if TYPE_CHECKING:
+    from collections.abc import Callable, Iterator, Sequence
+
     from benchmarks.cases import Case, Outcome
     from benchmarks.measurements import Table
     from benchmarks.observed_run import ObservedRun

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -15,6 +14,8 @@ from service.cli.connection import data_option, service_client, url_option, with
 from simcore.errors import Problem, ScenarioError
 
 if TYPE_CHECKING:
+    from collections.abc import Iterator
+
     from service.client.campaigns import CampaignStatus
     from service.client.client import Client
 

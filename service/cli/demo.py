@@ -4,9 +4,8 @@ from __future__ import annotations
 
 import os
 import secrets
-import subprocess
 import sys
-from pathlib import Path
+from typing import TYPE_CHECKING
 
 import click
 
@@ -16,6 +15,10 @@ from service.cli.result_table import print_report
 from service.client.client import Client, JobStatus
 from service.server.local_service import running_service
 from service.settings import DEFAULT_HOST, Settings
+
+if TYPE_CHECKING:
+    import subprocess
+    from pathlib import Path
 
 SCENARIO = "demo"
 

@@ -69,11 +69,11 @@ Exit codes of run, submit --wait and demo:
 class Commands(click.Group):
     """A group that imports a command when it is run, and turns errors into one line and an exit code."""
 
-    def list_commands(self, ctx: click.Context) -> list[str]:
+    def list_commands(self, ctx: click.Context) -> list[str]:  # noqa: ARG002  (click's signature)
         """The names of the commands, in the order of the help."""
         return list(_COMMANDS)
 
-    def get_command(self, ctx: click.Context, cmd_name: str) -> click.Command | None:
+    def get_command(self, ctx: click.Context, cmd_name: str) -> click.Command | None:  # noqa: ARG002  (click's signature)
         """Import a command; None for an unknown one."""
         if cmd_name not in _COMMANDS:
             return None
@@ -89,7 +89,7 @@ class Commands(click.Group):
             ctx.fail(f"No such command {args[0]!r}. There are: {', '.join(_COMMANDS)}.")
         return super().resolve_command(ctx, args)
 
-    def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
+    def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:  # noqa: ARG002  (click's)
         """List the commands without importing them."""
         with formatter.section("Commands"):
             formatter.write_dl([(name, text) for name, (_, text) in _COMMANDS.items()])
@@ -103,7 +103,7 @@ class Commands(click.Group):
         except KeyboardInterrupt:
             click.echo("needlebench: interrupted", err=True)
             ctx.exit(INTERRUPTED)
-        except Exception as error:
+        except Exception as error:  # noqa: BLE001  (whatever goes wrong becomes an exit code)
             ctx.exit(_report(error, debug=bool(ctx.params.get("debug"))))
 
 

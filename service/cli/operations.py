@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import click
@@ -11,6 +10,8 @@ import click
 from service.cli.connection import data_option, service_client
 
 if TYPE_CHECKING:
+    from pathlib import Path
+
     from service.engine.retention import Policy
     from service.settings import Settings
 

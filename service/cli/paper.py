@@ -8,7 +8,6 @@ import json
 import sys
 import tempfile
 import time
-from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -19,6 +18,8 @@ from service.blas_threads import one_thread
 from simcore.errors import Problem, ScenarioError
 
 if TYPE_CHECKING:
+    from collections.abc import Callable, Iterator
+
     from rich.progress import Progress
 
     from benchmarks.cases import Outcome
@@ -287,7 +288,7 @@ class Bar:
         self._title, self._count, self._ended = stage.title, len(stage.cases), 0
         self._progress.update(self._task, description=f"{stage.title} 0/{self._count}")
 
-    def ended(self, outcome: Outcome, *, fresh: bool) -> None:
+    def ended(self, outcome: Outcome, *, fresh: bool) -> None:  # noqa: ARG002  (a listener's signature)
         """Move the bar by the estimated seconds of the insertion."""
         self._ended += 1
         done = self._share.get(outcome.case.id, 0.0)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import click
@@ -11,6 +10,8 @@ from service.display import flat, shown, size_text
 from service.worker.attempt import KINDS
 
 if TYPE_CHECKING:
+    from pathlib import Path
+
     from rich.table import Table
 
 

@@ -2,18 +2,20 @@
 
 from __future__ import annotations
 
-from pathlib import Path
-from typing import Literal
+from typing import TYPE_CHECKING, Literal
 
 import click
 
 from service.cli.connection import data_option
 
+if TYPE_CHECKING:
+    from pathlib import Path
+
 
 class Serve(click.Command):
     """Its help ends with the environment variables that set limits."""
 
-    def format_epilog(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
+    def format_epilog(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:  # noqa: ARG002  (click's)
         """List the environment variables and the limits."""
         from service.settings import limits_help, variables_help
 

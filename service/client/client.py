@@ -5,7 +5,6 @@ from __future__ import annotations
 import json
 import tempfile
 import time
-from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -20,6 +19,8 @@ from service.files.upload_names import references
 from simcore.scenario.scenario import Scenario
 
 if TYPE_CHECKING:
+    from collections.abc import Callable, Iterator, Mapping
+
     from service.local.verify import Verdict
     from simcore.rollout.records import Observer
 

@@ -2,15 +2,17 @@
 
 from __future__ import annotations
 
-from pathlib import Path
-from types import TracebackType
-from typing import Any, BinaryIO, Self
+from typing import TYPE_CHECKING, Any, BinaryIO, Self
 from urllib.parse import quote, urlsplit
 
 import httpx2
 
 from service.settings import is_loopback
 from simcore.errors import NeedlebenchError, Problem, ScenarioError
+
+if TYPE_CHECKING:
+    from pathlib import Path
+    from types import TracebackType
 
 
 class ServiceError(NeedlebenchError):

@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
-from pathlib import Path
+from typing import TYPE_CHECKING
 
 from service.client.connection import Connection, part
 from service.client.records import UploadedFile
+
+if TYPE_CHECKING:
+    from pathlib import Path
 
 
 class UploadCalls(Connection):

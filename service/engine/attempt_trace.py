@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
-from service.store.job import Job
+if TYPE_CHECKING:
+    from service.store.job import Job
 
 MOST_POINTS = 1000  # above, every second one is left out; what comes later stays as dense as it is reported
 

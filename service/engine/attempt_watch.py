@@ -7,13 +7,15 @@ from __future__ import annotations
 
 import logging
 from dataclasses import dataclass, field
-from typing import Any, Protocol
+from typing import TYPE_CHECKING, Any, Protocol
 
-from service.engine.attempt_trace import AttemptTrace
 from service.logs import ROOT
 from service.store.errors import SQLAlchemyError
 from service.store.job import CANCELLED, FAILED, TIMED_OUT, Job
 from service.worker.progress import INTERVAL_S
+
+if TYPE_CHECKING:
+    from service.engine.attempt_trace import AttemptTrace
 
 _log = logging.getLogger(ROOT)
 

@@ -4,14 +4,17 @@ from __future__ import annotations
 
 import logging
 import threading
+from typing import TYPE_CHECKING
 
-from service.engine.attempt_trace import Point
-from service.engine.metrics import Monitor
 from service.engine.slot import Signals, Slot
-from service.settings import Settings
-from service.store.job import Job
-from service.store.jobs import Store
-from service.store.uploads import Uploads
+
+if TYPE_CHECKING:
+    from service.engine.attempt_trace import Point
+    from service.engine.metrics import Monitor
+    from service.settings import Settings
+    from service.store.job import Job
+    from service.store.jobs import Store
+    from service.store.uploads import Uploads
 
 _log = logging.getLogger("needlebench")
 

@@ -4,13 +4,16 @@ from __future__ import annotations
 
 import tempfile
 from dataclasses import dataclass
-from pathlib import Path
-from typing import Literal
+from typing import TYPE_CHECKING, Literal
 
 from service.files.disk import WARNED_BYTES, free_bytes, readable
 from service.store.database import touch
 from service.store.errors import SQLAlchemyError
-from service.store.transactions import Transactions
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+    from service.store.transactions import Transactions
 
 Level = Literal["ok", "warn", "bad"]
 

@@ -5,14 +5,18 @@ from __future__ import annotations
 import logging
 import threading
 import time
-from collections.abc import Callable
+from typing import TYPE_CHECKING
 
-from service.admission.campaign_planner import Planner
 from service.campaigns import trends
-from service.engine.retention import Cleared
-from service.store.campaigns import CampaignStore
 from service.store.schedule import STARTED
-from service.store.schedules import ScheduleStore
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from service.admission.campaign_planner import Planner
+    from service.engine.retention import Cleared
+    from service.store.campaigns import CampaignStore
+    from service.store.schedules import ScheduleStore
 
 _log = logging.getLogger("needlebench")
 _TICK_S = 1.0
@@ -45,7 +49,7 @@ class Keeper(threading.Thread):
         while not self._stopping.wait(_TICK_S):
             try:
                 self.tick()
-            except Exception as error:
+            except Exception as error:  # noqa: BLE001  (a full disk, a locked database: the next tick tries again)
                 _log.error("campaigns, schedules, retention: %s: %s", type(error).__name__, error)
 
     def tick(self) -> None:

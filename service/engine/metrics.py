@@ -3,15 +3,19 @@
 from __future__ import annotations
 
 import platform
-from collections.abc import Callable, Iterator
+from typing import TYPE_CHECKING
 
 from prometheus_client import CollectorRegistry, Counter, Histogram, ProcessCollector, generate_latest
 from prometheus_client.core import GaugeMetricFamily, InfoMetricFamily, Metric
 from prometheus_client.registry import Collector
 
-from service.store.job import Job
 from service.version import installed_version
 from simcore.provenance import commit
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterator
+
+    from service.store.job import Job
 
 _JOB_S = (1, 2, 5, 10, 20, 60, 120, 300, 600, 1800, 3600, 7200, 21600)
 _ANSWER_S = (0.001, 0.0025, 0.005, 0.01, 0.025, 0.05, 0.1, 0.25, 0.5, 1, 2.5, 5, 10, 30, 60)

@@ -9,13 +9,17 @@ import re
 import shutil
 from contextlib import suppress
 from dataclasses import dataclass
-from pathlib import Path
+from typing import TYPE_CHECKING
 
 from service.files.disk import size_bytes
 from service.store.job import IllegalTransitionError, Job, UnknownJobError
-from service.store.jobs import Store
-from service.store.uploads import Uploads
 from simcore.errors import Problem, ScenarioError
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+    from service.store.jobs import Store
+    from service.store.uploads import Uploads
 
 _AGE = re.compile(r"(\d+(?:\.\d+)?)([smhdw])")
 _SECONDS = {"s": 1, "m": 60, "h": 3600, "d": 86400, "w": 604800}

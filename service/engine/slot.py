@@ -6,26 +6,29 @@ import logging
 import shutil
 import threading
 import time
-from collections.abc import Callable, Iterable
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from service.engine.attempt_trace import AttemptTrace
 from service.engine.attempt_watch import AttemptWatch, Ending, publish_progress
 from service.engine.health_checks import disk_check
-from service.engine.metrics import Monitor
 from service.files.disk import REFUSALS
 from service.logs import ROOT
-from service.settings import Settings
 from service.store.errors import DBAPIError, SQLAlchemyError
 from service.store.job import FAILED, SUCCEEDED, TRAINING, Artefact, IllegalTransitionError, Job, Outcome
-from service.store.jobs import Store
 from service.store.uploads import Uploads, UploadsFullError
 from service.worker import progress, training_job
 from service.worker.attempt import describe
 from service.worker.memory import resident_mb
 from service.worker.process import WorkerDiedError, WorkerProcess
 from service.worker.specs import AttemptReport, InsertionSpec, TrainingSpec
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterable
+
+    from service.engine.metrics import Monitor
+    from service.settings import Settings
+    from service.store.jobs import Store
 
 _log = logging.getLogger(ROOT)
 _TICK_S = 0.2
@@ -83,7 +86,7 @@ class Slot(threading.Thread):
             try:
                 self._take_turn()
                 pause = _FIRST_PAUSE_S
-            except Exception as error:
+            except Exception as error:  # noqa: BLE001  (whatever it is, the slot tries again)
                 self.problem = f"{type(error).__name__}: {error}"
                 _log.error("%s pauses for %g s: %s", self.name, pause, self.problem)
                 if not isinstance(error, SQLAlchemyError):  # a database that refuses is no fault of the worker's
@@ -146,7 +149,7 @@ class Slot(threading.Thread):
             self._worker.send(runner, self._spec(job), folder)
             self._publish()  # what came before, now that the worker is busy
             outcome = self._watch(job)
-        except Exception as loss:
+        except Exception as loss:  # noqa: BLE001  (a claimed job must not stay behind without an owner)
             self._worker.kill()
             reason = str(loss) if isinstance(loss, WorkerDiedError) else f"{type(loss).__name__}: {loss}"
             _log.warning("job %s, attempt %d: %s", job.id, job.attempt, reason, extra=_named(job))

@@ -4,7 +4,10 @@ from __future__ import annotations
 
 import errno
 import shutil
-from pathlib import Path
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from pathlib import Path
 
 WARNED_BYTES = 2 * 2**30  # below: readiness and the page warn
 MINIMUM_BYTES = 256 * 2**20  # below: no job is started; a long recording has some 100 MB

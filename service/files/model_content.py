@@ -6,10 +6,12 @@ Both are read by the readers of `simcore`, which load no pickle and check every 
 from __future__ import annotations
 
 import json
-from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from simcore.errors import NeedlebenchError
+
+if TYPE_CHECKING:
+    from pathlib import Path
 
 DATASET_ORIGIN_BYTES = 200_000  # of a provenance as JSON; the paper's data set, with 105 insertions, has 15 kB
 MODEL_ORIGIN_BYTES = 50_000  # of which all but 5 kB is the scenario of its data set

@@ -5,12 +5,15 @@ from __future__ import annotations
 import csv
 import io
 import json
-from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
 from service.files.strict_json import without_nan
+
+if TYPE_CHECKING:
+    from pathlib import Path
 
 Arrays = dict[str, NDArray[np.generic]]
 _AXES = {3: ("x", "y", "z"), 4: ("w", "x", "y", "z")}

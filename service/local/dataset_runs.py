@@ -5,18 +5,22 @@ from __future__ import annotations
 import hashlib
 import json
 import zipfile
-from collections.abc import Generator, Sequence
 from contextlib import closing
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 
-from benchmarks.cases import Case, Outcome
 from benchmarks.learning.training_insertions import Insertion
 from service.worker.crew import CRASHED, Crew
 from simcore.compiled import fingerprint
 from simcore.rollout.artefacts import replace_atomically
 from simcore.rollout.dataset import VARIABLES, DatasetError, table_one
+
+if TYPE_CHECKING:
+    from collections.abc import Generator, Sequence
+
+    from benchmarks.cases import Case, Outcome
 
 
 class InsertionCache:

@@ -13,15 +13,17 @@ A result appears by a rename, after its series: a kill at any moment costs the i
 from __future__ import annotations
 
 import json
-from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
-from pathlib import Path
-from typing import Any, BinaryIO
+from typing import TYPE_CHECKING, Any, BinaryIO
 
 from benchmarks.cases import Case, Outcome, RunMany
 from service.files.lock import LockHeldError, file_lock
 from simcore.errors import Problem, ScenarioError
 from simcore.rollout.artefacts import replace_atomically
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterator, Sequence
+    from pathlib import Path
 
 SCHEMA = "needlebench/paper-run/1"
 RUN, RESULTS, SERIES, MODELS, RECORDINGS = "run.json", "results", "series", "models", "recordings"

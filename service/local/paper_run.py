@@ -4,24 +4,27 @@ from __future__ import annotations
 
 import shutil
 import tempfile
-from collections.abc import Callable, Iterator, Sequence
 from contextlib import closing
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Protocol
+from typing import TYPE_CHECKING, Any, Protocol
 
 import numpy as np
 
-from benchmarks.cases import Case, Outcome
 from benchmarks.paper.pipeline import Findings, rerun
 from benchmarks.paper.plan import Plan, Stage, StepCost, probes, steps
 from service.local.paper_folder import RECORDINGS, SCHEMA, SERIES, PaperFolder, write_text
-from service.worker.crew import Crew
 from service.worker.insertion_job import RECORDING_RUNNER
 from simcore.errors import NeedlebenchError, Problem, ScenarioError
 from simcore.file_names import names_mean
 from simcore.provenance import commit
 from simcore.rollout.dataset import Dataset, Table, save_dataset, table_one
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterator, Sequence
+
+    from benchmarks.cases import Case, Outcome
+    from service.worker.crew import Crew
 
 DATASET = "dataset.npz"
 SPARE = 1.2  # of the estimated disk space

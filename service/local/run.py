@@ -6,20 +6,21 @@ import contextlib
 import shutil
 import sys
 import tempfile
-from collections.abc import Iterator
 from contextlib import ExitStack
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from service.worker.attempt import KINDS, ObserverGroup
 from simcore.errors import Problem, ScenarioError
-from simcore.rollout.records import Observer, Scene, StepRecord
-from simcore.scenario.scenario import Scenario
 
 if TYPE_CHECKING:
+    from collections.abc import Iterator
+
     from rich.progress import Progress, TaskID
 
+    from simcore.rollout.records import Observer, Scene, StepRecord
     from simcore.rollout.result import Rollout
+    from simcore.scenario.scenario import Scenario
 
 RESULT = "result.json"
 
@@ -96,7 +97,7 @@ class ProgressBar:
     def __exit__(self, *_: object) -> None:
         self._progress.stop()
 
-    def begin(self, scene: Scene, first: StepRecord) -> None:
+    def begin(self, scene: Scene, first: StepRecord) -> None:  # noqa: ARG002  (an observer's signature)
         """Start the bar."""
         name = scene.scenario.name
         self._task = self._progress.add_task(name, total=scene.steps, depth=0.0, error=0.0)

@@ -8,17 +8,19 @@ the next block has new ones.
 from __future__ import annotations
 
 from itertools import pairwise
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 import rerun as rr
 from numpy.typing import NDArray
 
 from service.recording.colors import Colors, displacement_colors
-from service.recording.entities import Drawing
 from service.recording.plots import PLOTS, Moment, Step
-from simcore.arrays import Floats
-from simcore.rollout.records import StepRecord
+
+if TYPE_CHECKING:
+    from service.recording.entities import Drawing
+    from simcore.arrays import Floats
+    from simcore.rollout.records import StepRecord
 
 Vector32 = NDArray[np.float32]
 Coloured = tuple[Vector32, Colors]  # positions (v, 3) m and colours (v,) of the nodes of a mesh

@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+from typing import TYPE_CHECKING
+
 import numpy as np
 from numpy.typing import NDArray
 
-from simcore.arrays import Floats
+if TYPE_CHECKING:
+    from simcore.arrays import Floats
 
 Colors = NDArray[np.uint32]
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 import rerun as rr
@@ -10,8 +11,10 @@ import rerun as rr
 from service.recording.colors import GREEN, GREY, MAGENTA, ORANGE, STEEL, WHITE, YELLOW
 from service.recording.plots import PLOTS
 from service.recording.section import Section, Surface, section, surface
-from simcore.arrays import Floats
-from simcore.rollout.records import Scene
+
+if TYPE_CHECKING:
+    from simcore.arrays import Floats
+    from simcore.rollout.records import Scene
 
 SECTION_BEHIND_M = 3e-3  # so that it does not cut the needle in half
 

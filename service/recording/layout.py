@@ -2,13 +2,17 @@
 
 from __future__ import annotations
 
+from typing import TYPE_CHECKING
+
 import numpy as np
 import rerun.blueprint as rrb
 
 from service.recording.colors import DISPLACEMENT_SCALE_M
 from service.recording.section import path_plane
-from simcore.arrays import Floats
-from simcore.rollout.records import Scene
+
+if TYPE_CHECKING:
+    from simcore.arrays import Floats
+    from simcore.rollout.records import Scene
 
 BACKGROUND = (18, 21, 28)
 _EYE_SLOPE = 0.52  # tangent of half the angle that the viewer's eye sees from top to bottom

@@ -20,8 +20,6 @@ import subprocess
 import threading
 import time
 from collections.abc import Callable
-from pathlib import Path
-from types import FrameType, TracebackType
 from typing import TYPE_CHECKING, Any, Self
 
 import rerun as rr
@@ -31,9 +29,12 @@ from service.recording import viewer
 from service.recording.blocks import Block
 from service.recording.entities import Drawing, log_static
 from service.recording.layout import blueprint
-from simcore.rollout.records import Scene, StepRecord
 
 if TYPE_CHECKING:
+    from pathlib import Path
+    from types import FrameType, TracebackType
+
+    from simcore.rollout.records import Scene, StepRecord
     from simcore.rollout.result import Rollout
 
 APPLICATION = "needlebench"
@@ -116,7 +117,7 @@ class RerunObserver:
         """Do it, or end the recording with the rows so far: a run must not depend on being recorded."""
         try:
             action()
-        except Exception as error:
+        except Exception as error:  # noqa: BLE001  (a run never fails because of its recording)
             if self.warning is None:
                 self.warning = f"recording stopped: {type(error).__name__}: {error}"
             recorder, self._recorder = self._recorder, None

@@ -3,12 +3,15 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
 from dataclasses import dataclass
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 from service.recording.colors import CYAN, GREEN, GREY, ORANGE, YELLOW
-from simcore.rollout.records import StepRecord
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from simcore.rollout.records import StepRecord
 
 
 class Moment(NamedTuple):

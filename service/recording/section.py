@@ -7,10 +7,12 @@ positions by indexing, or by one interpolation along an edge. Row = node, metres
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 
-from simcore.arrays import Floats, Ints
+if TYPE_CHECKING:
+    from simcore.arrays import Floats, Ints
 
 _SHARP_COSINE = 0.77  # edges between faces that meet at more than 40 degrees are drawn
 

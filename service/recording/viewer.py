@@ -12,13 +12,14 @@ import sys
 import tempfile
 import time
 import warnings
-from collections.abc import Iterator
 from pathlib import Path
 from typing import IO, TYPE_CHECKING
 
 from simcore.errors import NeedlebenchError
 
 if TYPE_CHECKING:
+    from collections.abc import Iterator
+
     from rerun.experimental import ViewerClient
 
 LOOPBACK = "127.0.0.1"
@@ -61,7 +62,7 @@ def check_readable(path: Path) -> None:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")  # a recording that was cut short lacks its footer
             nonempty = bool(RrdReader(path).recordings())
-    except Exception as error:
+    except Exception as error:  # noqa: BLE001  (Rerun raises several kinds for a damaged file)
         raise ViewerError(f"{path}: not a readable recording: {error}") from None
     if not nonempty:
         raise ViewerError(f"{path}: holds no recording")

@@ -8,13 +8,16 @@ import platform
 import sqlite3
 import sys
 import tempfile
-from collections.abc import Callable
 from dataclasses import replace
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from service.engine.health_checks import Check, Level, disk_check, folder_check
 from service.settings import DEFAULT_HOST, DEFAULT_PORT, Settings
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
 
 PYTHON = (3, 11)
 RERUN = "0.41"  # recordings and viewer must match
@@ -46,7 +49,7 @@ def _run_check(look: Callable[[], Check]) -> Check:
     """A check that breaks is a finding of its own."""
     try:
         return look()
-    except Exception as error:
+    except Exception as error:  # noqa: BLE001  (whatever breaks is a finding)
         return Check(name="examination", level="bad", found=f"{type(error).__name__}: {error}", advice="report this")
 
 

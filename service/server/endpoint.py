@@ -3,10 +3,13 @@
 from __future__ import annotations
 
 import json
-from pathlib import Path
+from typing import TYPE_CHECKING
 
 from service.files.replace_text import replace_text
 from service.settings import DEFAULT_PORT
+
+if TYPE_CHECKING:
+    from pathlib import Path
 
 ENDPOINT = "endpoint.json"
 

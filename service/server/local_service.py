@@ -5,9 +5,9 @@ from __future__ import annotations
 import os
 import subprocess
 import sys
-from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import click
 
@@ -15,6 +15,9 @@ from service.client.client import Client, ServiceError, UnreachableError
 from service.server.endpoint import endpoint
 from service.server.server import ServiceStartError, listen
 from service.settings import DEFAULT_PORT, Settings
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
 
 _STOP_S = 15.0
 _PORTS_TRIED = 50

@@ -11,11 +11,7 @@ import socket
 import sqlite3
 import sys
 import threading
-from collections.abc import Callable, Iterator
-from pathlib import Path
-from types import FrameType
-
-import uvicorn
+from typing import TYPE_CHECKING
 
 from service import logs
 from service.api.context import Service
@@ -25,6 +21,13 @@ from service.server.uvicorn_overrides import Server
 from service.settings import DEFAULT_PORT, Settings, url_of
 from service.store.errors import DatabaseError
 from simcore.errors import NeedlebenchError
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterator
+    from pathlib import Path
+    from types import FrameType
+
+    import uvicorn
 
 _PORTS_TRIED = 50
 _M_ARENA_MAX = -8  # of glibc's mallopt

@@ -5,19 +5,23 @@ from __future__ import annotations
 import asyncio
 import logging
 import math
-import socket
 import time
-from collections.abc import Callable
-from types import FrameType
+from typing import TYPE_CHECKING
 
 import uvicorn
 from uvicorn.protocols.http.httptools_impl import STATUS_LINE, HttpToolsProtocol
 
 from service import logs
-from service.api.context import Service
 from service.api.problems import problem_response
 from service.app import create_app
 from service.server.endpoint import write_endpoint
+
+if TYPE_CHECKING:
+    import socket
+    from collections.abc import Callable
+    from types import FrameType
+
+    from service.api.context import Service
 
 WRITTEN_FOR = ("uvicorn", "0.54", "0.55")  # from this version, below that one
 _log = logging.getLogger(logs.ROOT)
@@ -48,7 +52,7 @@ class Protocol(HttpToolsProtocol):
         self._left = MAXIMUM_OVERHEAD_BYTES
         super().on_message_complete()
 
-    def send_400_response(self, msg: str) -> None:
+    def send_400_response(self, msg: str) -> None:  # noqa: ARG002  (uvicorn's signature)
         """A problem in place of uvicorn's own text."""
         self._refuse(400, "this is not a valid HTTP request")
 

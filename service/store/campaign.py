@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
-from benchmarks.cases import Label
 from simcore.errors import NeedlebenchError
+
+if TYPE_CHECKING:
+    from benchmarks.cases import Label
 
 RUNNING, DONE, CANCELLED = "running", "done", "cancelled"
 

@@ -3,9 +3,8 @@
 from __future__ import annotations
 
 import secrets
-from collections.abc import Sequence
 from dataclasses import fields
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from sqlalchemy import Connection, Row, case, delete, func, insert, select, update
 
@@ -23,10 +22,14 @@ from service.store.campaign import (
 )
 from service.store.job import QUEUED, TERMINAL
 from service.store.job import RUNNING as JOB_RUNNING
-from service.store.jobs import Store
 from service.store.schema import campaign as _campaign
 from service.store.schema import campaign_case as _case
 from service.store.upload_references import check_uploads
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from service.store.jobs import Store
 
 _job = schema.job
 _COLUMNS = [_campaign.c[field.name] for field in fields(Campaign)]

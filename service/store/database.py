@@ -7,7 +7,6 @@ import logging
 import os
 import sqlite3
 import time
-from collections.abc import Callable
 from contextlib import closing
 from functools import partial
 from pathlib import Path
@@ -19,6 +18,8 @@ from service.store.schema import REVISION
 from simcore.errors import NeedlebenchError
 
 if TYPE_CHECKING:
+    from collections.abc import Callable
+
     from alembic.config import Config
 
 _log = logging.getLogger("needlebench")

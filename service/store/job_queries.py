@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import statistics
 from dataclasses import fields
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from sqlalchemy import (
     Connection,
@@ -25,7 +25,6 @@ from sqlalchemy import (
     update,
 )
 
-from service.settings import Limits
 from service.store import schema
 from service.store.campaign import RUNNING as CAMPAIGN_RUNNING
 from service.store.job import (
@@ -43,6 +42,9 @@ from service.store.job import (
 )
 from service.store.schema import campaign, campaign_case
 from service.store.transactions import Transactions
+
+if TYPE_CHECKING:
+    from service.settings import Limits
 
 JOB = schema.job
 COLUMNS = [JOB.c[field.name] for field in fields(Job)]

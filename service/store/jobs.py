@@ -4,8 +4,7 @@ from __future__ import annotations
 
 import secrets
 import time
-from collections.abc import Callable, Collection
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from sqlalchemy import Engine, delete, insert, select, update
 
@@ -42,6 +41,9 @@ from service.store.job_queries import (
 from service.store.transitions import Transitions, attempt_key, error_data
 from service.store.upload_references import check_uploads, missing
 
+if TYPE_CHECKING:
+    from collections.abc import Callable, Collection
+
 
 class Store(Transitions):
     """Jobs, artefacts and events. `now` gives UTC seconds since 1970; `listen` says who hears of each changed job."""
@@ -58,7 +60,7 @@ class Store(Transitions):
 
     # -- submitting
 
-    def submit(
+    def submit(  # noqa: PLR0913  (one row of the job table, by keyword)
         self,
         *,
         name: str,

@@ -6,16 +6,18 @@ import hmac
 import secrets
 import time
 from dataclasses import dataclass
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from sqlalchemy import Row, delete, insert, select, update
 from sqlalchemy.exc import OperationalError
 
 from service.access import ADMIN, SCOPES, Caller
 from service.api_key import digest_of, id_of, new_key
-from service.store.jobs import Store
 from service.store.schema import api_key, session
 from simcore.errors import NeedlebenchError, Problem, ScenarioError
+
+if TYPE_CHECKING:
+    from service.store.jobs import Store
 
 ENVIRONMENT = "environment"  # the id of the key in NEEDLEBENCH_API_KEY
 SESSION_S = 12 * 3600.0

@@ -6,19 +6,22 @@ import hashlib
 import re
 from dataclasses import dataclass
 from functools import cache
-from pathlib import Path
-from typing import Any, Literal
+from typing import TYPE_CHECKING, Any, Literal
 
 from sqlalchemy import select
 
 from service.files.model_content import model_content
 from service.files.upload_names import SCHEME, UPLOAD_ID
-from service.store.job import Job
 from service.store.job_queries import LISTED, to_job
-from service.store.jobs import Store
 from service.store.schema import job, job_upload
-from service.store.uploads import Upload, Uploads
 from simcore.errors import NeedlebenchError
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+    from service.store.job import Job
+    from service.store.jobs import Store
+    from service.store.uploads import Upload, Uploads
 
 KIND = "[a-z]{1,16}"
 MODEL_ID = rf"({KIND}|{UPLOAD_ID})"

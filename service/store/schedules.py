@@ -6,14 +6,12 @@ import secrets
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import fields
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from sqlalchemy import Connection, Row, delete, insert, select, update
 from sqlalchemy.exc import IntegrityError
 
 from service.store.campaign import RUNNING, CampaignPlan
-from service.store.campaigns import CampaignStore
-from service.store.jobs import Store
 from service.store.schedule import (
     FAILED,
     MISSED,
@@ -32,6 +30,10 @@ from service.store.schema import campaign as _campaign
 from service.store.schema import schedule as _schedule
 from service.store.schema import schedule_run as _run
 from simcore.errors import NeedlebenchError
+
+if TYPE_CHECKING:
+    from service.store.campaigns import CampaignStore
+    from service.store.jobs import Store
 
 _COLUMNS = [_schedule.c[field.name] for field in fields(Schedule)]
 _RUN_COLUMNS = [_run.c[field.name] for field in fields(ScheduleRun)]

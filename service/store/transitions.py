@@ -3,9 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import Any
-
-from sqlalchemy import Connection
+from typing import TYPE_CHECKING, Any
 
 from service.store.job import LEGAL, IllegalTransitionError, Job, Outcome
 from service.store.job_queries import (
@@ -20,6 +18,9 @@ from service.store.job_queries import (
     read,
     to_job,
 )
+
+if TYPE_CHECKING:
+    from sqlalchemy import Connection
 
 
 class Transitions(JobQueries):

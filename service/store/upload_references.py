@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterator, Mapping
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from sqlalchemy import Connection, select
 
@@ -11,6 +10,9 @@ from service.files.upload_names import SCHEME, references
 from service.store.job import UploadGoneError
 from service.store.schema import upload
 from simcore.errors import Problem
+
+if TYPE_CHECKING:
+    from collections.abc import Collection, Iterator, Mapping
 
 _GONE = "the upload was deleted: send it again with `needlebench upload`"
 

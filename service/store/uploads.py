@@ -11,19 +11,22 @@ import hashlib
 import os
 import shutil
 import threading
-from collections.abc import Collection
 from dataclasses import dataclass, fields
-from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from sqlalchemy import Connection, delete, func, insert, select, update
 
 from service.files.upload_names import UploadLookup, references
-from service.settings import Limits
 from service.store.job import QUEUED, RUNNING, Job
-from service.store.jobs import Store
 from service.store.schema import campaign, job, job_upload, schedule, upload
 from simcore.errors import NeedlebenchError
+
+if TYPE_CHECKING:
+    from collections.abc import Collection
+    from pathlib import Path
+
+    from service.settings import Limits
+    from service.store.jobs import Store
 
 _PART = ".part"
 

@@ -13,7 +13,6 @@ import signal
 import sys
 import time
 import traceback
-from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
 from pathlib import Path
@@ -27,6 +26,8 @@ from service.worker.specs import AttemptReport, InsertionSpec
 from service.worker.training_job import MODEL
 
 if TYPE_CHECKING:
+    from collections.abc import Iterator
+
     from simcore.rollout.records import Observer, Scene, StepRecord
     from simcore.rollout.result import Rollout
     from simcore.scenario.scenario import Scenario
@@ -136,7 +137,7 @@ def _run(runner: str, spec: dict[str, Any], target: Path) -> tuple[Any, tuple[st
         return None, ("out_of_memory", _describe_failure(spec, error))
     except OSError as error:
         return None, ("disk" if error.errno in REFUSALS else "exception", _describe_failure(spec, error))
-    except Exception as error:
+    except Exception as error:  # noqa: BLE001  (whatever a runner raises is how its attempt ended)
         return None, ("exception", _describe_failure(spec, error))
 
 

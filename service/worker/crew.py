@@ -3,18 +3,20 @@
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Generator, Iterator, Sequence
 from concurrent.futures import FIRST_COMPLETED, wait
 from dataclasses import dataclass
-from pathlib import Path
-from types import TracebackType
-from typing import Self
+from typing import TYPE_CHECKING, Self
 
 from benchmarks.cases import Case, Outcome
 from service.worker.insertion_job import SERIES_RUNNER
 from service.worker.process import WorkerDiedError, WorkerProcess
 from service.worker.specs import InsertionSpec
 from simcore.errors import NeedlebenchError
+
+if TYPE_CHECKING:
+    from collections.abc import Generator, Iterator, Sequence
+    from pathlib import Path
+    from types import TracebackType
 
 ATTEMPTS = 3  # of a case whose worker died; a dead process is seldom the fault of the case
 CRASHED = "crashed"

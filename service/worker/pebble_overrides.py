@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import multiprocessing
-from collections.abc import Callable
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import pebble
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
 
 WRITTEN_FOR = ("pebble", "5.2", "5.3")  # from this version, below that one
 TERM_TIMEOUT_S = 0.2  # between SIGTERM and SIGKILL; pebble's own 3 s block whoever waits meanwhile

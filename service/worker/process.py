@@ -17,7 +17,7 @@ from concurrent.futures import Future, wait
 from concurrent.futures.process import BrokenProcessPool
 from multiprocessing.connection import wait as wait_for_end
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import pebble
 
@@ -25,8 +25,10 @@ from service.blas_threads import one_thread
 from service.files.lock import file_lock
 from service.worker.attempt import execute, resolve
 from service.worker.pebble_overrides import single_worker_pool
-from service.worker.specs import AttemptReport, InsertionSpec, TrainingSpec
 from simcore.errors import NeedlebenchError
+
+if TYPE_CHECKING:
+    from service.worker.specs import AttemptReport, InsertionSpec, TrainingSpec
 
 _PR_SET_PDEATHSIG = 1
 

@@ -7,13 +7,14 @@ from __future__ import annotations
 
 import json
 import time
-from collections.abc import Callable
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from service.files.replace_text import replace_text
 
 if TYPE_CHECKING:
+    from collections.abc import Callable
+    from pathlib import Path
+
     import numpy as np
     from numpy.typing import NDArray
 
@@ -53,7 +54,7 @@ class ProgressFile:
         if self._clock() - self._written >= INTERVAL_S or record.step == self._steps:
             self._write(record)
 
-    def end(self, rollout: Rollout) -> None:
+    def end(self, rollout: Rollout) -> None:  # noqa: ARG002  (an observer's signature)
         """The last step that there was, where it stopped early."""
         if self._latest is not None and self._latest.step != self._written_step:
             self._write(self._latest)

@@ -6,7 +6,6 @@ import hashlib
 import json
 import logging
 import time
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from service.files.replace_text import replace_text
@@ -15,6 +14,8 @@ from service.worker.progress import NAME
 from service.worker.specs import TrainingSpec
 
 if TYPE_CHECKING:
+    from pathlib import Path
+
     from simcore.learning import Regressor
 
 RUNNER = "service.worker.training_job:train_job"

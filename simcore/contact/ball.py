@@ -8,14 +8,16 @@ k(r) = (1 - r^2 / rho^2)^2, cut at the surface of the block; the same weights ca
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
-from simcore.arrays import Floats, Ints
 from simcore.compiled import kernel, resolved_by_type
 from simcore.mesh.mesh import Mesh, locate
 from simcore.mesh.tet_search import TetSearch, locate_in_tets, nearest_triangle, tet_around
+
+if TYPE_CHECKING:
+    from simcore.arrays import Floats, Ints
 
 GRID = 4  # quadrature cells along a radius
 

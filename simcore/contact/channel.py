@@ -10,14 +10,17 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field, fields
 from enum import IntEnum
+from typing import TYPE_CHECKING
 
 import numpy as np
 
-from simcore.arrays import Flags, Floats, Ints
 from simcore.compiled import kernel
 from simcore.contact.ball import Ball, BallRule, Balls, displaced, fill_ball, weights_of_ball
-from simcore.mesh.mesh import Mesh
 from simcore.needle.shaft import shaft_frame
+
+if TYPE_CHECKING:
+    from simcore.arrays import Flags, Floats, Ints
+    from simcore.mesh.mesh import Mesh
 
 POINT_TOLERANCE_M = 1e-12  # a ball sits at its place to this; far below every constraint tolerance
 

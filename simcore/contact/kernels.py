@@ -7,15 +7,17 @@ whole; one that is cut by the surface has its centroid up to 1 mm below its poin
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
-from simcore.arrays import Flags, Floats, Ints, Singles
 from simcore.compiled import kernel
 from simcore.contact.ball import Balls, displaced
 from simcore.contact.channel import project
 from simcore.needle.shaft import Shaft, shaft_columns, shaft_frame
+
+if TYPE_CHECKING:
+    from simcore.arrays import Flags, Floats, Ints, Singles
 
 
 @kernel

@@ -15,12 +15,14 @@ A mode numbers the staircase from behind: 0 = first level, 1 = first breakpoint,
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
-from simcore.arrays import Floats, Ints
 from simcore.compiled import kernel
+
+if TYPE_CHECKING:
+    from simcore.arrays import Floats, Ints
 
 FORCE_SLACK_N = 1e-9  # above the rounding of the dense solve, far below every force tolerance
 MODE_SWEEPS = 200

@@ -4,12 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Protocol, TypeVar
+from typing import TYPE_CHECKING, Protocol, TypeVar
 
-from simcore.arrays import Floats
 from simcore.insertion.jacobian_fast import Linearisation
-from simcore.insertion.state import Pose
-from simcore.scenario.scenario import Scenario
+
+if TYPE_CHECKING:
+    from simcore.arrays import Floats
+    from simcore.insertion.state import Pose
+    from simcore.scenario.scenario import Scenario
 
 Settings = TypeVar("Settings")
 

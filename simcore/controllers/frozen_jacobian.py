@@ -3,20 +3,24 @@
 
 from __future__ import annotations
 
+from typing import TYPE_CHECKING
+
 import numpy as np
 
-from simcore.arrays import Floats
-from simcore.controllers.base import Observation
 from simcore.controllers.ifem import damped_inverse
 from simcore.controllers.plant_model import model_scenario
 from simcore.controllers.remote_centre import pose_through
 from simcore.errors import ModelFailureError, Status
-from simcore.insertion.insertion import InsertionState
 from simcore.insertion.jacobian_fast import linearise
 from simcore.insertion.state import Pose
 from simcore.rotations import skew
 from simcore.scenario.build import insertion_of
-from simcore.scenario.scenario import FrozenJacobian, Scenario
+
+if TYPE_CHECKING:
+    from simcore.arrays import Floats
+    from simcore.controllers.base import Observation
+    from simcore.insertion.insertion import InsertionState
+    from simcore.scenario.scenario import FrozenJacobian, Scenario
 
 STEP_M = 0.5e-3  # advance of the own insertion: quasi-static, its end does not depend on the pace
 

@@ -2,14 +2,18 @@
 
 from __future__ import annotations
 
+from typing import TYPE_CHECKING
+
 import numpy as np
 
-from simcore.arrays import Floats
-from simcore.controllers.base import Model, Observation
-from simcore.insertion.jacobian_fast import Linearisation
 from simcore.insertion.state import Pose
 from simcore.rotations import exp_map
-from simcore.scenario.scenario import InverseFem
+
+if TYPE_CHECKING:
+    from simcore.arrays import Floats
+    from simcore.controllers.base import Model, Observation
+    from simcore.insertion.jacobian_fast import Linearisation
+    from simcore.scenario.scenario import InverseFem
 
 
 class InverseFemController:

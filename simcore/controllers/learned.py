@@ -2,14 +2,18 @@
 
 from __future__ import annotations
 
+from typing import TYPE_CHECKING
+
 import numpy as np
 
-from simcore.arrays import Floats
-from simcore.controllers.base import Observation
 from simcore.controllers.remote_centre import pose_through
-from simcore.insertion.state import Pose
 from simcore.learning import Regressor, load_model
-from simcore.scenario.scenario import Learned
+
+if TYPE_CHECKING:
+    from simcore.arrays import Floats
+    from simcore.controllers.base import Observation
+    from simcore.insertion.state import Pose
+    from simcore.scenario.scenario import Learned
 
 
 class LearnedController:

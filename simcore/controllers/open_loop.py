@@ -2,13 +2,17 @@
 
 from __future__ import annotations
 
+from typing import TYPE_CHECKING
+
 import numpy as np
 
-from simcore.arrays import Floats
-from simcore.controllers.base import Observation
 from simcore.insertion.insertion import rotation_towards
 from simcore.insertion.state import Pose
-from simcore.scenario.scenario import Scenario
+
+if TYPE_CHECKING:
+    from simcore.arrays import Floats
+    from simcore.controllers.base import Observation
+    from simcore.scenario.scenario import Scenario
 
 
 class OpenLoopController:

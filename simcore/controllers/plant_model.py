@@ -3,16 +3,19 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from typing import TYPE_CHECKING
 
-from simcore.controllers.base import Model, Observation
 from simcore.errors import ModelFailureError, Status
 from simcore.insertion.insertion import Insertion, InsertionState
 from simcore.insertion.jacobian_exact import linearise_exactly
 from simcore.insertion.jacobian_fast import Linearisation, linearise
 from simcore.insertion.jacobian_perturbation import Perturbation
 from simcore.scenario.build import insertion_of
-from simcore.scenario.controller_blocks import Controller
 from simcore.scenario.scenario import InverseFem, Scenario, SeparateModel
+
+if TYPE_CHECKING:
+    from simcore.controllers.base import Model, Observation
+    from simcore.scenario.controller_blocks import Controller
 
 LastStep = Callable[[], tuple[InsertionState, InsertionState]]
 Derivative = Callable[[InsertionState, InsertionState], Linearisation]

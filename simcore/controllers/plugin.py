@@ -2,15 +2,17 @@
 
 from __future__ import annotations
 
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from simcore.arrays import Floats
-from simcore.controllers.base import Controller, Observation
 from simcore.insertion.state import Pose
 from simcore.plugins import PluginError, factory_of
-from simcore.scenario.scenario import Plugin, Scenario
+
+if TYPE_CHECKING:
+    from simcore.arrays import Floats
+    from simcore.controllers.base import Controller, Observation
+    from simcore.scenario.scenario import Plugin, Scenario
 
 MAXIMUM_SKEW = 1e-6  # of R^T R from the identity
 

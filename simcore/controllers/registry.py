@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from typing import TYPE_CHECKING
 
-from simcore.arrays import Floats
 from simcore.controllers.base import Controller, Model, Setup
 from simcore.controllers.frozen_jacobian import FrozenJacobianController
 from simcore.controllers.ifem import InverseFemController
@@ -14,6 +13,11 @@ from simcore.controllers.plugin import PluginController
 from simcore.controllers.replay import ReplayController
 from simcore.controllers.rigid_needle import RigidNeedleController
 from simcore.scenario.scenario import FrozenJacobian, InverseFem, Learned, Plugin, Replay, RigidNeedle, Scenario
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from simcore.arrays import Floats
 
 FACTORIES: dict[str, Callable[[Setup], Controller]] = {
     "ifem": lambda s: InverseFemController(s.settings(InverseFem), s.asked_model()),

@@ -2,11 +2,15 @@
 
 from __future__ import annotations
 
+from typing import TYPE_CHECKING
+
 import numpy as np
 
-from simcore.arrays import Floats
 from simcore.insertion.state import Pose
 from simcore.rotations import exp_map
+
+if TYPE_CHECKING:
+    from simcore.arrays import Floats
 
 TOO_NEAR_M = 1e-3  # a base so near to the entry says nothing on its axis
 

@@ -2,12 +2,16 @@
 
 from __future__ import annotations
 
+from typing import TYPE_CHECKING
+
 import numpy as np
 
-from simcore.controllers.base import Observation
 from simcore.insertion.state import Pose
 from simcore.rotations import matrix_from_quaternion
-from simcore.scenario.scenario import Replay
+
+if TYPE_CHECKING:
+    from simcore.controllers.base import Observation
+    from simcore.scenario.scenario import Replay
 
 
 class ReplayController:

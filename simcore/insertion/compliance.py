@@ -7,14 +7,18 @@ memory traffic. Columns A^-1 B^T are kept with it.
 
 from __future__ import annotations
 
+from typing import TYPE_CHECKING
+
 import numpy as np
 from scipy.linalg.lapack import spbtrf, spbtrs
 
-from simcore.arrays import Floats, Ints, Singles
 from simcore.compiled import kernel
-from simcore.contact.ball import Balls
-from simcore.contact.channel import Channel
 from simcore.tissue.model import TissueModel, assemble_band
+
+if TYPE_CHECKING:
+    from simcore.arrays import Floats, Ints, Singles
+    from simcore.contact.ball import Balls
+    from simcore.contact.channel import Channel
 
 TIP_COLUMN_REUSE_M = 0.5e-3  # the channel end may move so far before its columns are computed anew
 

@@ -13,18 +13,20 @@ after Duriez et al. 2009 and our laws (see `contact_laws`). The needle is elimin
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
-from simcore.arrays import Flags, Floats, Ints
 from simcore.compiled import kernel
 from simcore.contact.channel import tributary_lengths
 from simcore.contact.kernels import moved_shaft, needle_right_sides
-from simcore.insertion.model import CoupledModel
-from simcore.insertion.state import Bodies, SolvedStep
 from simcore.needle.model import factor_blocks, solve_blocks
 from simcore.needle.shaft import Shaft, shaft_columns, shaft_frame, shaft_weights
+
+if TYPE_CHECKING:
+    from simcore.arrays import Flags, Floats, Ints
+    from simcore.insertion.model import CoupledModel
+    from simcore.insertion.state import Bodies, SolvedStep
 
 TRIBUTARY_STEP_M = 1e-7  # tributary lengths are piecewise linear: a difference is their slope
 

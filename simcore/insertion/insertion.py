@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
 
 import numpy as np
 
-from simcore.arrays import Floats
 from simcore.contact.channel import (
     Channel,
     Phase,
@@ -16,13 +16,16 @@ from simcore.contact.channel import (
     slide_contact,
 )
 from simcore.errors import Status
-from simcore.insertion.model import CoupledModel, Tolerances
 from simcore.insertion.solver import solve_step, tissue_response
 from simcore.insertion.state import Bodies, Goal, Guess, Pose, SolvedStep, StepReport, Workspace
 from simcore.needle.model import NeedleModel, increments, straight
 from simcore.rotations import exp_map
-from simcore.tissue.breathing import BreathingMotion
-from simcore.tissue.model import TissueModel
+
+if TYPE_CHECKING:
+    from simcore.arrays import Floats
+    from simcore.insertion.model import CoupledModel, Tolerances
+    from simcore.tissue.breathing import BreathingMotion
+    from simcore.tissue.model import TissueModel
 
 OUTSIDE_M = 1e-3  # a contact point or channel end farther than this outside the rest shape has left the tissue
 RE_ENTRY_MISS_M = 2e-3  # a re-entering tip farther than this from its channel has left it

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+from typing import TYPE_CHECKING
+
 import numpy as np
 
-from simcore.arrays import Floats, Singles
 from simcore.contact.channel import Channel, Phase, inserted_rest_length, tributary_lengths
 from simcore.contact.kernels import (
     ConstraintPoints,
@@ -23,7 +24,6 @@ from simcore.contact.kernels import (
     to_world,
 )
 from simcore.contact.laws import Response, Staircase, law_residual, solve_laws, staircases
-from simcore.insertion.model import CoupledModel
 from simcore.insertion.response import NeedleResponse, linear_response
 from simcore.insertion.state import ActiveSet, Bodies, Goal, Guess, Iterate, Residuals, Workspace
 from simcore.needle.beam import internal
@@ -31,6 +31,10 @@ from simcore.needle.model import advance, solve_blocks
 from simcore.needle.shaft import Shaft
 from simcore.rotations import log_map
 from simcore.tissue.model import rotated_stiffness_times
+
+if TYPE_CHECKING:
+    from simcore.arrays import Floats, Singles
+    from simcore.insertion.model import CoupledModel
 
 
 def begin(

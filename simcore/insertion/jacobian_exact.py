@@ -13,24 +13,26 @@ With u = 0 and the geometric terms dropped it is the fast form.
 
 from __future__ import annotations
 
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from scipy.linalg import lu_factor, lu_solve
 from scipy.sparse import csr_matrix
 
-from simcore.arrays import Floats, Ints
-from simcore.contact.ball import Balls
 from simcore.contact.channel import project
 from simcore.errors import ModelFailureError, Status
 from simcore.insertion.compliance import inertia, solve_factored
 from simcore.insertion.constraint_tangent import ConstraintTangent, constraint_tangent, shaft_changes, shaft_points
 from simcore.insertion.jacobian_fast import Linearisation, lateral_offset
-from simcore.insertion.model import CoupledModel
-from simcore.insertion.state import SolvedStep, TissueResponse
 from simcore.krylov import gmres
-from simcore.tissue.model import TissueModel
 from simcore.tissue.tangent import Dynamics, tangent_times
+
+if TYPE_CHECKING:
+    from simcore.arrays import Floats, Ints
+    from simcore.contact.ball import Balls
+    from simcore.insertion.model import CoupledModel
+    from simcore.insertion.state import SolvedStep, TissueResponse
+    from simcore.tissue.model import TissueModel
 
 TOLERANCE = 1e-8  # of the tissue's residual, relative to the change of its load
 MAX_ITERATIONS = 80

@@ -9,18 +9,21 @@ is measured in the tests.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 
-from simcore.arrays import Floats
 from simcore.contact.channel import project
 from simcore.contact.kernels import frame_along, moved_shaft, to_local
 from simcore.contact.laws import Response, system_rows
-from simcore.insertion.model import CoupledModel
 from simcore.insertion.response import linear_response
-from simcore.insertion.state import Bodies, SolvedStep
 from simcore.needle.model import solve_blocks
 from simcore.needle.shaft import shaft_columns, shaft_frame
+
+if TYPE_CHECKING:
+    from simcore.arrays import Floats
+    from simcore.insertion.model import CoupledModel
+    from simcore.insertion.state import Bodies, SolvedStep
 
 
 @dataclass(frozen=True)

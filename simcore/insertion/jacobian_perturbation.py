@@ -10,18 +10,21 @@ what is differenced has converged to the tight tolerance below.
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
 
 import numpy as np
 
-from simcore.arrays import Floats, Ints, Singles
 from simcore.contact.channel import Phase
 from simcore.errors import ModelFailureError, Status
-from simcore.insertion.insertion import Insertion, InsertionState
 from simcore.insertion.jacobian_fast import Linearisation, base_response, lateral_offset
-from simcore.insertion.model import CoupledModel, Tolerances
 from simcore.insertion.state import Bodies, Guess, Pose, SolvedStep
 from simcore.needle.model import advance, increments
 from simcore.rotations import exp_map
+
+if TYPE_CHECKING:
+    from simcore.arrays import Floats, Ints, Singles
+    from simcore.insertion.insertion import Insertion, InsertionState
+    from simcore.insertion.model import CoupledModel, Tolerances
 
 # Jacobians along `sine` then miss fully converged ones by at most 1e-5, a twentieth of what one-sided differences do
 FORCE_TOLERANCE_N = 1e-7  # times the compliance under one node, about 30 mm/N, it is the violation below

@@ -4,15 +4,18 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
+from typing import TYPE_CHECKING
 
 import numpy as np
 
-from simcore.arrays import Floats
-from simcore.contact.channel import ChannelModel
 from simcore.contact.kernels import frame_along
-from simcore.contact.laws import ContactLaw
-from simcore.needle.model import NeedleModel
-from simcore.tissue.model import TissueModel
+
+if TYPE_CHECKING:
+    from simcore.arrays import Floats
+    from simcore.contact.channel import ChannelModel
+    from simcore.contact.laws import ContactLaw
+    from simcore.needle.model import NeedleModel
+    from simcore.tissue.model import TissueModel
 
 
 @dataclass(frozen=True)

@@ -2,15 +2,17 @@
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
-from simcore.arrays import Floats
 from simcore.contact.kernels import ConstraintPoints, local_compliance, moved_shaft, needle_right_sides
-from simcore.insertion.state import ActiveSet
-from simcore.needle.beam import BeamForces
 from simcore.needle.model import factor_blocks, solve_blocks
+
+if TYPE_CHECKING:
+    from simcore.arrays import Floats
+    from simcore.insertion.state import ActiveSet
+    from simcore.needle.beam import BeamForces
 
 
 class NeedleResponse(NamedTuple):

@@ -11,14 +11,13 @@ exact solution of the condensed contact laws (Duriez et al. 2009 do one such lin
 from __future__ import annotations
 
 from dataclasses import replace
+from typing import TYPE_CHECKING
 
 import numpy as np
 
-from simcore.contact.channel import Channel
 from simcore.errors import Status
 from simcore.insertion.compliance import NotPositiveDefiniteError
 from simcore.insertion.iteration import begin, converged, correct, evaluate
-from simcore.insertion.model import CoupledModel
 from simcore.insertion.state import (
     ActiveSet,
     Bodies,
@@ -33,6 +32,10 @@ from simcore.insertion.state import (
 )
 from simcore.needle.beam import BeamForces
 from simcore.needle.model import advance
+
+if TYPE_CHECKING:
+    from simcore.contact.channel import Channel
+    from simcore.insertion.model import CoupledModel
 
 LEAST_DET_F = 0.1  # below it a tetrahedron counts as inverted
 FIRST_TRY = 12  # iterations with the kept factor before it is renewed

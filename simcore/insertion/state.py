@@ -3,20 +3,22 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
-from simcore.arrays import Floats, Ints, Singles
-from simcore.contact.ball import Balls
-from simcore.contact.channel import Channel
-from simcore.contact.kernels import ConstraintPoints
 from simcore.contact.laws import Law, Staircase
-from simcore.errors import Status
 from simcore.insertion.compliance import Compliance
-from simcore.insertion.model import CoupledModel
 from simcore.needle.beam import BeamForces
 from simcore.tissue.force_blocks import ForceBlocks
+
+if TYPE_CHECKING:
+    from simcore.arrays import Floats, Ints, Singles
+    from simcore.contact.ball import Balls
+    from simcore.contact.channel import Channel
+    from simcore.contact.kernels import ConstraintPoints
+    from simcore.errors import Status
+    from simcore.insertion.model import CoupledModel
 
 
 @dataclass(frozen=True)

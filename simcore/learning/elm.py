@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from scipy.special import expit
 
-from simcore.arrays import Floats
 from simcore.learning.regressor import Arrays, DataError, Regressor, Shapes, ridge_solution
+
+if TYPE_CHECKING:
+    from simcore.arrays import Floats
 
 NODES = 25  # [paper]
 RIDGE = 1e-6  # [ours] keeps beta finite where two random nodes look alike, without a visible bias

@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
-from simcore.arrays import Floats
 from simcore.learning.regressor import Arrays, DataError, Regressor, Shapes, ridge_solution
+
+if TYPE_CHECKING:
+    from simcore.arrays import Floats
 
 
 class LinearModel(Regressor):

@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 from functools import cached_property
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from scipy.spatial import cKDTree
 
-from simcore.arrays import Floats
 from simcore.learning.regressor import Arrays, DataError, Regressor, Shapes
+
+if TYPE_CHECKING:
+    from simcore.arrays import Floats
 
 
 class NearestNeighbours(Regressor):

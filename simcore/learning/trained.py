@@ -7,11 +7,10 @@ import json
 import stat
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from simcore.arrays import Floats
 from simcore.errors import NeedlebenchError, Problem, ScenarioError
 from simcore.file_names import located
 from simcore.learning.elm import ExtremeLearningMachine
@@ -19,6 +18,9 @@ from simcore.learning.linear import LinearModel
 from simcore.learning.mlp import MultilayerPerceptron
 from simcore.learning.neighbours import NearestNeighbours
 from simcore.learning.regressor import SCALES, Arrays, DataError, Regressor
+
+if TYPE_CHECKING:
+    from simcore.arrays import Floats
 
 FORMAT = "needlebench/model"
 VERSION = 1

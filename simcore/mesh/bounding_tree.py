@@ -7,11 +7,14 @@ half of the nodes are leaves of LEAF items each. Items are split at the median a
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 
-from simcore.arrays import Floats, Ints
 from simcore.compiled import kernel
+
+if TYPE_CHECKING:
+    from simcore.arrays import Floats, Ints
 
 LEAF = 8
 

@@ -6,12 +6,14 @@ from abc import ABC, abstractmethod
 from dataclasses import dataclass
 from functools import cached_property
 from itertools import permutations
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
-from simcore.arrays import Floats, Ints
 from simcore.compiled import kernel
+
+if TYPE_CHECKING:
+    from simcore.arrays import Floats, Ints
 
 
 class BoxGeometry(NamedTuple):

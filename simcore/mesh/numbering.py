@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from typing import TYPE_CHECKING
 
 import numpy as np
 
-from simcore.arrays import Ints
-from simcore.mesh.mesh import Mesh
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from simcore.arrays import Ints
+    from simcore.mesh.mesh import Mesh
 
 
 def held_nodes(mesh: Mesh, faces: Sequence[str], sets: Sequence[str] = ()) -> Ints:

@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+from typing import TYPE_CHECKING
+
 import numpy as np
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
-from simcore.arrays import Floats, Ints
+if TYPE_CHECKING:
+    from simcore.arrays import Floats, Ints
 
 SIZE_MM = (10.0, 500.0)  # edges of the bounding box, as of the built-in block
 ELEMENT_MM = (1.0, 50.0)  # mean element, as of the built-in block

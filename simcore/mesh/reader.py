@@ -11,23 +11,26 @@ from __future__ import annotations
 import contextlib
 import hashlib
 import io
-import os
 import stat
 import tempfile
 import warnings
-from collections.abc import Callable
 from dataclasses import dataclass, field
 from functools import lru_cache
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from simcore.arrays import Floats, Ints
 from simcore.errors import Problem, ScenarioError
 from simcore.file_names import located
 from simcore.mesh.quality import fault_of_mesh
 from simcore.mesh.tet_mesh import TetMesh
+
+if TYPE_CHECKING:
+    import os
+    from collections.abc import Callable
+
+    from simcore.arrays import Floats, Ints
 
 FORMATS = {
     ".msh": ("gmsh", "ansys"),
@@ -139,7 +142,7 @@ def _parsed(content: MeshFile) -> Any:
         for kind in formats:
             try:
                 return _read_quietly(copy, kind)
-            except (Exception, SystemExit) as error:
+            except (Exception, SystemExit) as error:  # noqa: BLE001  (a reader of meshio raises anything at all)
                 lines = str(error).replace(str(copy), content.name).strip().splitlines()
                 reasons += [] if isinstance(error, SystemExit) else lines[:1]
     reason = f": {reasons[0][:100]}" if reasons else ""

@@ -3,15 +3,18 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import reverse_cuthill_mckee
 from scipy.spatial import cKDTree
 
-from simcore.arrays import Floats, Ints
 from simcore.mesh.mesh import Mesh, oriented, surface_of
 from simcore.mesh.tet_search import TetSearch, locate_in_tets, nearest_triangle, outside_by
+
+if TYPE_CHECKING:
+    from simcore.arrays import Floats, Ints
 
 FLAT = 1e-6  # a node so near to a side of the bounding box, relative to its longest edge, lies in it
 

@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
-from simcore.arrays import Floats, Ints
 from simcore.compiled import kernel
 from simcore.mesh.bounding_tree import LEAF, BoundingTree, squared_distance
+
+if TYPE_CHECKING:
+    from simcore.arrays import Floats, Ints
 
 STACK = 64  # deeper than any tree that fits into memory
 INSIDE = -1e-12  # smallest shape function of a point that counts as inside: rounding

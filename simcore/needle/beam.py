@@ -13,13 +13,15 @@ frame.
 from __future__ import annotations
 
 import math
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
-from simcore.arrays import Floats
 from simcore.compiled import kernel
 from simcore.rotations import compose, jacobian_coefficients, log_map
+
+if TYPE_CHECKING:
+    from simcore.arrays import Floats
 
 Triple = tuple[float, float, float]
 

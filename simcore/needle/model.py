@@ -9,14 +9,17 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, field
 from functools import cached_property
+from typing import TYPE_CHECKING
 
 import numpy as np
 
-from simcore.arrays import Floats
 from simcore.compiled import kernel
 from simcore.errors import Status
 from simcore.needle.beam import BeamForces, Section, internal
 from simcore.rotations import compose, exp_map, log_map, project_rotation
+
+if TYPE_CHECKING:
+    from simcore.arrays import Floats
 
 
 def _no_rest_frames() -> Floats:
@@ -174,7 +177,7 @@ def _add_product(sign: float, block: Floats, source: Floats, target: Floats) -> 
 
 
 @kernel
-def _invert(block: Floats, work: Floats, out: Floats) -> None:
+def _invert(block: Floats, work: Floats, out: Floats) -> None:  # noqa: C901  (Gauss-Jordan: nested loops, no cases)
     """Inverse of block (6, 6) into out by Gauss-Jordan with row pivoting; work (6, 12) is scratch."""
     for i in range(6):
         for c in range(6):

@@ -7,12 +7,14 @@ order phi.
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
-from simcore.arrays import Floats
 from simcore.compiled import kernel
+
+if TYPE_CHECKING:
+    from simcore.arrays import Floats
 
 
 class Shaft(NamedTuple):

@@ -7,9 +7,8 @@ from typing import TYPE_CHECKING, Protocol, TypeVar
 
 import numpy as np
 
-from simcore.arrays import Floats, Ints
-
 if TYPE_CHECKING:
+    from simcore.arrays import Floats, Ints
     from simcore.rollout.result import Rollout
     from simcore.scenario.scenario import Scenario
 

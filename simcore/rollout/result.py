@@ -4,14 +4,17 @@ from __future__ import annotations
 
 import hashlib
 from dataclasses import dataclass
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import NDArray
 
-from simcore.errors import Status
 from simcore.provenance import provenance
-from simcore.scenario.scenario import Scenario
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+    from simcore.errors import Status
+    from simcore.scenario.scenario import Scenario
 
 TIMES = ("plant_s", "jacobian_s", "command_s", "recording_s")  # clock readings of a step, s
 FRAMES = ("tissue_m", "tissue_frame_step")  # kept tissue states and their steps

@@ -5,18 +5,15 @@ from __future__ import annotations
 import time
 from collections.abc import Callable
 from functools import cache, cached_property
+from typing import TYPE_CHECKING
 
 import numpy as np
 from threadpoolctl import threadpool_limits
 
-from simcore.arrays import Floats
 from simcore.controllers import Observation, make_controller
 from simcore.controllers.plant_model import make_model, needs_tissue
 from simcore.errors import ModelFailureError, Status
-from simcore.insertion.insertion import Insertion
 from simcore.insertion.jacobian_fast import Linearisation, lateral_offset
-from simcore.insertion.state import Pose
-from simcore.mesh.mesh import MaterialPoints
 from simcore.metrics import metrics
 from simcore.needle.shaft import shaft_polyline
 from simcore.robot import limited_pose
@@ -27,6 +24,12 @@ from simcore.rotations import quaternion_from_matrix
 from simcore.scenario.build import insertion_of, robot_limits
 from simcore.scenario.scenario import Scenario
 from simcore.trajectory import Path, held_noise, polyline_distance_m, targets
+
+if TYPE_CHECKING:
+    from simcore.arrays import Floats
+    from simcore.insertion.insertion import Insertion
+    from simcore.insertion.state import Pose
+    from simcore.mesh.mesh import MaterialPoints
 
 Clock = Callable[[], float]
 

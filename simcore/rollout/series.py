@@ -2,14 +2,17 @@
 
 from __future__ import annotations
 
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import NDArray
 
-from simcore.arrays import Floats
-from simcore.rollout.records import Scene, StepRecord
 from simcore.rollout.result import FRAMES, TIMES
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+    from simcore.arrays import Floats
+    from simcore.rollout.records import Scene, StepRecord
 
 _COPIED = (
     "t_s",

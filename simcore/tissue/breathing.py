@@ -11,10 +11,12 @@ reference shape to 2 A along d and back; the acceleration alone jumps, at t = 0,
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 
-from simcore.arrays import Floats
+if TYPE_CHECKING:
+    from simcore.arrays import Floats
 
 
 @dataclass(frozen=True)

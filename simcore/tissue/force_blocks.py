@@ -8,14 +8,16 @@ tetrahedra that need more iterations are finished by the plain form.
 
 from __future__ import annotations
 
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from simcore.arrays import Floats
 from simcore.compiled import inlined, kernel
 from simcore.tissue.model import TissueModel, cold_polar_rotation, polar_rotation
+
+if TYPE_CHECKING:
+    from simcore.arrays import Floats
 
 Corners = NDArray[np.uint32]
 

@@ -11,14 +11,16 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
-from simcore.arrays import Floats, Ints, Singles
 from simcore.compiled import kernel
-from simcore.mesh.mesh import Mesh
 from simcore.mesh.numbering import free_node_order, half_bandwidth
+
+if TYPE_CHECKING:
+    from simcore.arrays import Floats, Ints, Singles
+    from simcore.mesh.mesh import Mesh
 
 POLAR_ITERATIONS = 30
 
@@ -252,7 +254,7 @@ def rotated_stiffness_times(
 
 
 @kernel
-def assemble_band(
+def assemble_band(  # noqa: C901  (nested loops over the entries of an element, no cases)
     tetrahedra: Tetrahedra, rotations: Floats, unknown: Ints, scale: float, diagonal: Floats, band: Singles
 ) -> None:
     """Lower band of scale * sum R_e K_e R_e^T + diag(diagonal), written: band[i - j, j] = A[i, j].

@@ -9,13 +9,15 @@ It is symmetric and, under moderate compression, indefinite: it multiplies vecto
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
-from simcore.arrays import Floats, Ints
 from simcore.compiled import kernel
-from simcore.tissue.model import Tetrahedra
+
+if TYPE_CHECKING:
+    from simcore.arrays import Floats, Ints
+    from simcore.tissue.model import Tetrahedra
 
 Triple = tuple[float, float, float]
 Matrix = tuple[Triple, Triple, Triple]  # rows

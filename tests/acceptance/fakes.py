@@ -6,12 +6,14 @@ import json
 import os
 import signal
 import time
-from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from service.files.replace_text import replace_text
+
+if TYPE_CHECKING:
+    from pathlib import Path
 
 
 def run_job(spec: dict[str, Any], artefact_dir: Path) -> dict[str, Any]:

@@ -8,14 +8,18 @@ import signal
 import subprocess
 import sys
 import time
-from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from needlebench import Client
-from service.client.client import JobStatus
 from service.server.server import serve
 from service.settings import RUNNER, Limits, Settings
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterator
+
+    from service.client.client import JobStatus
 
 FAKE = "tests.acceptance.fakes:run_job"
 ROOT = Path(__file__).resolve().parents[2]

@@ -6,16 +6,19 @@ import os
 import signal
 import threading
 import time
-from collections.abc import Iterator
-from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import httpx2
 import pytest
 
 from needlebench import Client
-from service.client.client import JobEvent
 from tests.acceptance.server import Server, running_server, until
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+    from pathlib import Path
+
+    from service.client.client import JobEvent
 
 STREAM = {"Accept": "text/event-stream"}
 

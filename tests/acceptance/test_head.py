@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from typing import TYPE_CHECKING
 
 import httpx2
 import pytest
 
 from tests.acceptance.server import Server, running_server
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
 
 OF_THE_ANSWER = {"date", "x-request-id", "transfer-encoding"}  # differ from one answer to the next
 

@@ -5,8 +5,7 @@ from __future__ import annotations
 import os
 import signal
 import threading
-from collections.abc import Iterator
-from pathlib import Path
+from typing import TYPE_CHECKING
 
 import httpx2
 import numpy as np
@@ -17,6 +16,10 @@ from needlebench import Client
 from service.cli.main import main
 from service.client.client import JobStatus, ServiceError
 from tests.acceptance.server import Server, alive, running_server, until
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+    from pathlib import Path
 
 
 @pytest.fixture(scope="module")

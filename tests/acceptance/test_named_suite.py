@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import csv
 import io
-from pathlib import Path
+from typing import TYPE_CHECKING
 
 import httpx2
 import pytest
@@ -12,6 +12,9 @@ import pytest
 from benchmarks.paper.suites import suite
 from service.settings import RUNNER
 from tests.acceptance.server import running_server, until
+
+if TYPE_CHECKING:
+    from pathlib import Path
 
 NAME = "lin100-v1-smoke"
 

@@ -8,7 +8,7 @@ import signal
 import subprocess
 import sys
 import threading
-from pathlib import Path
+from typing import TYPE_CHECKING
 
 import httpx2
 import pytest
@@ -16,6 +16,9 @@ from prometheus_client.parser import text_string_to_metric_families
 
 from service.client.client import Client, ServiceError
 from tests.acceptance.server import ROOT, Server, running_server, until
+
+if TYPE_CHECKING:
+    from pathlib import Path
 
 pytestmark = pytest.mark.slow
 

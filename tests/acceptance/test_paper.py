@@ -9,8 +9,7 @@ import signal
 import subprocess
 import sys
 import time
-from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import pytest
 from click.testing import CliRunner
@@ -25,6 +24,9 @@ from service.local.paper_folder import PaperFolder, open_folder
 from service.local.paper_run import enough_space, identity
 from service.worker.crew import Crew
 from simcore.errors import ScenarioError
+
+if TYPE_CHECKING:
+    from pathlib import Path
 
 TINY = {
     "name": "tiny",
@@ -165,9 +167,11 @@ def test_a_folder_of_another_run_is_refused_and_left_alone(tmp_path: Path) -> No
         open_folder(folder, identity(plan(lin=1))).__enter__()
     with pytest.raises(ScenarioError, match=r"was started by commit .* and not other.*--any-commit"):
         open_folder(folder, {**identity(plan()), "commit": "other"}).__enter__()
-    with open_folder(folder, {**identity(plan()), "commit": "other"}, any_commit=True):
-        with pytest.raises(ScenarioError, match="is in use by"):
-            open_folder(folder, identity(plan())).__enter__()
+    with (
+        open_folder(folder, {**identity(plan()), "commit": "other"}, any_commit=True),
+        pytest.raises(ScenarioError, match="is in use by"),
+    ):
+        open_folder(folder, identity(plan())).__enter__()
     with pytest.raises(ScenarioError, match=r"\(scale tiny, samples differs\); choose another folder$"):
         open_folder(folder, identity(plan(samples=200)), extend=True).__enter__()
     del before[".lock"]

@@ -5,13 +5,16 @@ from __future__ import annotations
 import signal
 import socket
 import sys
-from pathlib import Path
+from typing import TYPE_CHECKING
 
 import pytest
 
 from service.server.server import ServiceStartError, serve
 from service.settings import Settings
 from tests.acceptance.server import Server, alive, children, running_server, until
+
+if TYPE_CHECKING:
+    from pathlib import Path
 
 linux = pytest.mark.skipif(sys.platform != "linux", reason="reads the process table")
 

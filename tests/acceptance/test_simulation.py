@@ -10,9 +10,8 @@ import signal
 import socket
 import subprocess
 import sys
-from collections.abc import Iterator
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pytest
@@ -22,6 +21,9 @@ from service.settings import RUNNER
 from simcore.rollout.artefacts import RESULT
 from tests.acceptance.server import ROOT, Server, alive, children, running_server, until
 from tests.simcore.mesh.test_mesh_file import write_box
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
 
 pytestmark = pytest.mark.slow
 
@@ -126,7 +128,7 @@ def _works_on(pid: int, job_id: str) -> bool:
     """Whether a process has a file of the job open (Linux)."""
     for link in Path(f"/proc/{pid}/fd").iterdir():
         try:
-            if job_id in os.readlink(link):
+            if job_id in str(link.readlink()):
                 return True
         except OSError:
             continue

@@ -4,8 +4,7 @@ from __future__ import annotations
 
 import copy
 import json
-from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import pytest
 
@@ -13,6 +12,9 @@ from benchmarks.bench_comparison import Verdict, compare, regressions, table
 from benchmarks.bench_report import FIGURE_FIELDS, SCHEMA, busy, document, load_report
 from benchmarks.measurements import TARGETS, Part, Table, Target, figure, figure_table, missing_figure
 from simcore.errors import ScenarioError
+
+if TYPE_CHECKING:
+    from pathlib import Path
 
 DATE = "2026-01-02T03:04:05+00:00"
 

@@ -5,14 +5,12 @@ from __future__ import annotations
 import contextlib
 import json
 import time
-from collections.abc import Iterator, Sequence
-from pathlib import Path
+from typing import TYPE_CHECKING
 
 import pytest
 from click.testing import CliRunner
 
 from benchmarks.bench_report import SCHEMA
-from benchmarks.measurements import Part
 from benchmarks.observed_run import ObservedRun, observe
 from benchmarks.performance.kernels import micro
 from benchmarks.performance.probe import ProbeError, probe
@@ -28,7 +26,13 @@ from service.cli.main import main
 from simcore.contact import kernels
 from simcore.errors import ScenarioError
 from simcore.rollout.records import Silent
-from simcore.scenario.scenario import Scenario
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator, Sequence
+    from pathlib import Path
+
+    from benchmarks.measurements import Part
+    from simcore.scenario.scenario import Scenario
 
 NAMES = (
     "micro",

@@ -4,12 +4,14 @@ from __future__ import annotations
 
 import json
 import time
-from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from service.files.replace_text import replace_text
+
+if TYPE_CHECKING:
+    from pathlib import Path
 
 STEPS = 200
 SECONDS = {"slow": 24.0, "brisk": 2.0}  # by the first word of the scenario's name; all others take none

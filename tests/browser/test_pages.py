@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator
 from typing import TYPE_CHECKING
 
 import pytest
@@ -13,6 +12,8 @@ from tests.browser.browser import PATIENCE_MS, PROGRAM, chromium, opened
 from tests.service.learned import dataset_bytes
 
 if TYPE_CHECKING:
+    from collections.abc import Iterator
+
     from playwright.sync_api import Browser, Page
 
 pytest.importorskip("playwright.sync_api", reason="needs playwright, of the dev extra")

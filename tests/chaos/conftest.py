@@ -6,9 +6,12 @@ import os
 import random
 import sys
 import textwrap
-from collections.abc import Iterator
+from typing import TYPE_CHECKING
 
 import pytest
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
 
 MOMENTS, SEED = "NEEDLEBENCH_CHAOS_MOMENTS", "NEEDLEBENCH_CHAOS_SEED"
 REQUESTS = "NEEDLEBENCH_CHAOS_REQUESTS"

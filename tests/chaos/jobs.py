@@ -2,15 +2,17 @@
 
 from __future__ import annotations
 
-import os
 from collections import Counter
-from collections.abc import Iterator
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
-from needlebench import Client
-from service.client.client import JobStatus
 from service.recording.viewer import ViewerError, check_readable
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+
+    from needlebench import Client
+    from service.client.client import JobStatus
 
 SHORT: dict[str, Any] = {
     "tissue": {"element_size_mm": 10},
@@ -27,7 +29,7 @@ def works_on(pid: int) -> tuple[str, int] | None:
     """Job and attempt of a worker, by the files that it holds open (Linux)."""
     try:
         for link in Path(f"/proc/{pid}/fd").iterdir():
-            parts = Path(os.readlink(link)).parts
+            parts = link.readlink().parts
             if parts[-1] == "job.log":
                 return parts[-3], int(parts[-2])
     except OSError:

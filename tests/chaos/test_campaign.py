@@ -7,18 +7,21 @@ import time
 from collections import Counter
 from concurrent.futures import wait
 from datetime import datetime
-from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import pytest
 
-from needlebench import Client
 from service.settings import RUNNER
 from service.worker.process import WorkerProcess, answer
 from service.worker.specs import InsertionSpec
 from tests.acceptance.server import running_server, until
 from tests.chaos.flat import Held, cpu_s
 from tests.chaos.instant import SPIN, only_the_job
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+    from needlebench import Client
 
 _WORKERS = 2
 _INSTANT = "tests.chaos.instant:run_job"

@@ -11,8 +11,7 @@ import time
 from collections import deque
 from dataclasses import dataclass
 from datetime import datetime
-from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from needlebench import Client
 from service.client.client import POLL_S
@@ -20,6 +19,9 @@ from service.settings import RUNNER
 from tests.acceptance.server import ROOT, Server, running_server
 from tests.chaos.flat import cpu_s
 from tests.chaos.jobs import scenario
+
+if TYPE_CHECKING:
+    from pathlib import Path
 
 _AHEAD = 4  # insertions submitted and not yet ended: two run, the next two wait
 _LONG: dict[str, Any] = {"name": "measured", "recording": {"enabled": False}}

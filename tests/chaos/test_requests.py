@@ -4,14 +4,10 @@ from __future__ import annotations
 
 import http.client
 import json
-import random
 import re
 from collections import Counter, defaultdict
-from collections.abc import Callable
-from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
-import pytest
 from hypothesis import HealthCheck, Phase, Verbosity, given, seed, settings
 from hypothesis import strategies as st
 
@@ -19,6 +15,13 @@ from tests.acceptance.server import Server, running_server, until
 from tests.chaos.flat import Held
 from tests.chaos.hostile import IDS, KNOWN, PAGES, allowed_and_forbidden, malicious
 from tests.chaos.wire import Request, ask
+
+if TYPE_CHECKING:
+    import random
+    from collections.abc import Callable
+    from pathlib import Path
+
+    import pytest
 
 _KEY = "chaos"
 _WARM = 0.1  # share of the requests after which the first sample is taken

@@ -2,20 +2,22 @@
 
 from __future__ import annotations
 
-import random
 import signal
 import sqlite3
 import time
 from collections import Counter, defaultdict
 from itertools import pairwise
-from pathlib import Path
-from typing import Any
-
-import pytest
+from typing import TYPE_CHECKING, Any
 
 from service.store.schedule import GRACE_S, MISSED, STARTED
 from tests.acceptance.server import Server, until
 from tests.chaos import fast_clock
+
+if TYPE_CHECKING:
+    import random
+    from pathlib import Path
+
+    import pytest
 
 MINUTE_S = 60.0
 SLACK_S = 60.0  # of the fast clock, between reading it for a look and writing what was fired

@@ -4,21 +4,25 @@ from __future__ import annotations
 
 import itertools
 import os
-import random
 import secrets
 import signal
 import sqlite3
 import threading
 import time
 from pathlib import Path
+from typing import TYPE_CHECKING
 
-import pytest
-
-from needlebench import Client
 from service.client.client import ServiceError, UnreachableError
 from service.settings import RUNNER
 from tests.acceptance.server import Server, alive, children, running_server, until
 from tests.chaos.jobs import check_digests, check_recordings, crashes, scenario, works_on
+
+if TYPE_CHECKING:
+    import random
+
+    import pytest
+
+    from needlebench import Client
 
 _TOKEN = "NEEDLEBENCH_CHAOS_TOKEN"
 _LONGEST_S = 3.0

@@ -3,14 +3,17 @@
 from __future__ import annotations
 
 import os
-import random
 import signal
 import time
-from pathlib import Path
+from typing import TYPE_CHECKING
 
 from service.settings import RUNNER
 from tests.acceptance.server import Server, children, running_server, until
 from tests.chaos.jobs import check_digests, check_recordings, crashes, scenario, works_on
+
+if TYPE_CHECKING:
+    import random
+    from pathlib import Path
 
 
 def test_workers_are_killed(tmp_path: Path, moments: int, chance: random.Random, figures: dict[str, object]) -> None:

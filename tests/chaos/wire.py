@@ -5,6 +5,7 @@ from __future__ import annotations
 import http.client
 import socket
 import time
+from contextlib import suppress
 from dataclasses import dataclass
 from urllib.parse import urlsplit
 
@@ -48,10 +49,8 @@ def ask(url: str, request: Request) -> Answer:
     place = urlsplit(url)
     started = time.monotonic()
     with socket.create_connection((place.hostname or "", place.port or 0), timeout=PATIENCE_S) as connection:
-        try:
+        with suppress(BrokenPipeError, ConnectionResetError):  # refused before all was sent: the answer is there
             connection.sendall(request.encode(place.netloc))
-        except (BrokenPipeError, ConnectionResetError):  # refused before all was sent: the answer is there
-            pass
         answer = http.client.HTTPResponse(connection, method=request.method)
         answer.begin()
         kind = (answer.headers.get("content-type") or "").partition(";")[0]

@@ -3,11 +3,14 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator
 from dataclasses import dataclass
-from pathlib import Path
+from typing import TYPE_CHECKING
 
 from tests.docs.sources import DOCS, ROOT
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+    from pathlib import Path
 
 FENCE = re.compile(r"^```(\w*)$")
 DIRECTIVE = re.compile(r"^(`{3,}|:{3,})\{")

@@ -5,12 +5,15 @@ from __future__ import annotations
 import re
 import subprocess
 import sys
-from pathlib import Path
+from typing import TYPE_CHECKING
 
 import pytest
 
 from tests.docs.snippets import pages
 from tests.docs.sources import DOCS, ROOT
+
+if TYPE_CHECKING:
+    from pathlib import Path
 
 LINK = re.compile(r"\]\(((?!https?:|mailto:)[^)\s#]+)(#[\w-]+)?\)")
 NAMED_FILES = re.compile(r"`((?:simcore|benchmarks|service|tests)/[\w/]+(?:\.\w+)?)`")

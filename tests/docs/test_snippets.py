@@ -11,7 +11,7 @@ import signal
 import subprocess
 import sys
 import tomllib
-from pathlib import Path
+from typing import TYPE_CHECKING
 
 import click
 import pytest
@@ -20,6 +20,9 @@ from service.cli.main import main
 from simcore.scenario.scenario import Scenario
 from tests.docs.snippets import LANGUAGES, Snippet, pages, snippets
 from tests.docs.sources import ROOT
+
+if TYPE_CHECKING:
+    from pathlib import Path
 
 ALL = [snippet for page in pages() for snippet in snippets(page)]
 MOST_NOT_RUN = 12  # of fifty

@@ -8,13 +8,15 @@ from __future__ import annotations
 
 import itertools
 from dataclasses import dataclass, field
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from simcore.arrays import Floats, Ints
 from simcore.rollout.records import Observer, Scene, StepRecord, StepTiming
-from simcore.scenario.scenario import Scenario
+
+if TYPE_CHECKING:
+    from simcore.arrays import Floats, Ints
+    from simcore.scenario.scenario import Scenario
 
 _CELL_TETS = np.array([[0, a, a + b, 7] for a, b in itertools.permutations((1, 2, 4), 2)])
 

@@ -2,10 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from contextlib import contextmanager
-from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from starlette.testclient import TestClient
@@ -17,6 +15,10 @@ from service.store.job import Artefact, Job, Outcome
 from service.worker.attempt import describe
 from service.worker.training_job import MODEL, train_job
 from tests.service.databases import lay_down
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+    from pathlib import Path
 
 HERE = "http://127.0.0.1:8321"
 

@@ -5,8 +5,10 @@ from __future__ import annotations
 import os
 import signal
 import time
-from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from pathlib import Path
 
 
 def insertion(spec: dict[str, Any], folder: Path) -> dict[str, Any]:

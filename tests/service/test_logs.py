@@ -5,14 +5,17 @@ import json
 import logging
 import re
 import warnings
-from collections.abc import Iterator
-from pathlib import Path
+from typing import TYPE_CHECKING
 
 import pytest
 
 from service import logs
 from service.logs import configure, job_log, request_id
 from tests.service.http import idle_service
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+    from pathlib import Path
 
 LOG = logging.getLogger("needlebench")
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from importlib.metadata import version
-from types import ModuleType
+from typing import TYPE_CHECKING
 
 import pebble
 import pytest
@@ -12,6 +12,9 @@ from uvicorn.protocols.http.httptools_impl import HttpToolsProtocol
 
 from service.server import uvicorn_overrides
 from service.worker import pebble_overrides
+
+if TYPE_CHECKING:
+    from types import ModuleType
 
 OVERRIDES = (uvicorn_overrides, pebble_overrides)
 

@@ -3,19 +3,21 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from simcore.errors import Status
 from simcore.insertion.compliance import Compliance
-from simcore.insertion.insertion import Insertion, InsertionState
 from simcore.insertion.state import Pose
 from simcore.rotations import exp_map
 from simcore.scenario.build import insertion_of, tissue_model
 from simcore.scenario.scenario import Scenario, Tissue
 from simcore.tissue.model import TissueModel, elastic_forces, rotated_stiffness_times
+
+if TYPE_CHECKING:
+    from simcore.insertion.insertion import Insertion, InsertionState
 
 Vector = NDArray[np.float64]
 

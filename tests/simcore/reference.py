@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
@@ -10,13 +11,15 @@ from scipy.sparse import coo_array, csr_array
 from scipy.sparse.linalg import spsolve
 from threadpoolctl import threadpool_limits
 
-from simcore.insertion.insertion import Insertion, InsertionState
-from simcore.insertion.state import Pose
 from simcore.needle.beam import BeamForces, internal
 from simcore.needle.model import rigid_move
 from simcore.needle.shaft import shaft_frame
 from simcore.rotations import exp_map
-from simcore.tissue.model import TissueModel
+
+if TYPE_CHECKING:
+    from simcore.insertion.insertion import Insertion, InsertionState
+    from simcore.insertion.state import Pose
+    from simcore.tissue.model import TissueModel
 
 Vector = NDArray[np.float64]
 Indices = NDArray[np.int64]

@@ -3,10 +3,9 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Iterator, Mapping
 from functools import cache
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import pytest
 
@@ -14,6 +13,9 @@ from simcore.errors import Status
 from simcore.metric_definitions import METRICS, SERIES, STATUSES, UNIT_OF_SUFFIX, UNITS
 from simcore.rollout.rollout import Rollout, run
 from tests.simcore.short_run import LINE, replay, short
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator, Mapping
 
 GOLDEN = Path(__file__).parents[2] / "benchmarks" / "results" / "builtin_scenarios.json"
 BLOCKS = ("metrics", "timing", "solver")

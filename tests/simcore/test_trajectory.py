@@ -3,14 +3,17 @@
 from __future__ import annotations
 
 import math
+from typing import TYPE_CHECKING
 
 import numpy as np
 import pytest
 from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
-from simcore.arrays import Floats
 from simcore.trajectory import Path, held_noise, step_count, targets
+
+if TYPE_CHECKING:
+    from simcore.arrays import Floats
 
 ENTRY = np.array([0.018, 0.031, 0.0])
 END = np.array([0.024, 0.041, 0.122])

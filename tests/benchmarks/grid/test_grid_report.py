@@ -4,16 +4,18 @@ from __future__ import annotations
 
 import json
 import math
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import pytest
 
-from benchmarks.cases import Outcome
 from benchmarks.grid.page import html
 from benchmarks.grid.report import SCHEMA, document
 from benchmarks.grid.suite import grid
 from tests.benchmarks.paper.synthetic import outcome
 from tests.benchmarks.paper.test_paper_report import Page
+
+if TYPE_CHECKING:
+    from benchmarks.cases import Outcome
 
 AXES: dict[str, list[Any]] = {
     "controller.kind": ["ifem", "open_loop"],

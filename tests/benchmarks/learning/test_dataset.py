@@ -2,17 +2,21 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from typing import TYPE_CHECKING
 
 import numpy as np
 import pytest
 
-from benchmarks.cases import Case
 from benchmarks.learning.training import train_model
 from benchmarks.learning.training_insertions import Insertion, collect_dataset, grid_mm, training_insertions
 from simcore.learning import LinearModel, NearestNeighbours, parse_model
 from simcore.learning.regressor import DataError
 from simcore.rollout.dataset import VARIABLES, Dataset, DatasetError
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator, Sequence
+
+    from benchmarks.cases import Case
 
 MATRIX = np.random.default_rng(0).normal(size=(6, 3))
 

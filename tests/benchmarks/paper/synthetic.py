@@ -4,13 +4,15 @@ from __future__ import annotations
 
 import hashlib
 import math
-from collections.abc import Iterator
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from benchmarks.cases import Case, Label, Outcome
 from benchmarks.paper.learning_studies import LearningPoint
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
 
 DIRECTIONS = ("+x", "-x", "+y", "-y")
 MEDIANS_MM = {  # (group, arm) -> median of the log-normal errors

@@ -6,8 +6,7 @@ import json
 import math
 import re
 from html.parser import HTMLParser
-from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 from xml.etree import ElementTree
 
 import pytest
@@ -28,6 +27,9 @@ from tests.benchmarks.paper.synthetic import (
     sensitivity,
     timings,
 )
+
+if TYPE_CHECKING:
+    from pathlib import Path
 
 VOID = {"meta", "col", "br"}
 PROVENANCE = {"commit": "abc", "suites": {"lin100-v1": "0" * 64}, "seeds": [1, 2], "load": None}

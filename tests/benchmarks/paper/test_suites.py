@@ -9,8 +9,8 @@ from __future__ import annotations
 import json
 import re
 from collections import Counter
-from collections.abc import Sequence
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import pytest
 
@@ -25,6 +25,9 @@ from benchmarks.paper.variations import VARIATIONS, apply_variation
 from simcore.errors import ScenarioError
 from simcore.learning.trained import PACKAGED
 from simcore.scenario.scenario import Scenario
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
 
 PINNED = Path(__file__).with_name("suites.json")
 MODELS = {"elm": "models/elm-00.json"}

@@ -4,8 +4,7 @@ from __future__ import annotations
 
 import csv
 import io
-from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 from xml.etree import ElementTree
 
 import numpy as np
@@ -22,6 +21,9 @@ from benchmarks.studies.replayed_poses import replay_block, slerp
 from simcore.rotations import exp_map, quaternion_from_matrix
 from simcore.scenario.presets import preset
 from simcore.scenario.scenario import Replay, Scenario
+
+if TYPE_CHECKING:
+    from pathlib import Path
 
 Vector = NDArray[np.float64]
 

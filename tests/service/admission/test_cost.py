@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import pytest
 
@@ -16,6 +15,9 @@ from simcore.scenario.presets import preset
 from simcore.scenario.scenario import Scenario
 from tests.service.http import idle_service
 from tests.simcore.mesh.test_mesh_file import write_box
+
+if TYPE_CHECKING:
+    from pathlib import Path
 
 JOBS = "/api/v1/jobs"
 

@@ -1,18 +1,22 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Iterator
-from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import pytest
-from starlette.testclient import TestClient
 
-from service.api.context import Service
 from service.settings import Limits
-from service.store.job import Job
 from simcore.scenario.presets import preset
 from tests.service.http import finish, idle_service
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+    from pathlib import Path
+
+    from starlette.testclient import TestClient
+
+    from service.api.context import Service
+    from service.store.job import Job
 
 JOBS = "/api/v1/jobs"
 

@@ -2,16 +2,21 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from pathlib import Path
+from typing import TYPE_CHECKING
 
 import pytest
-from starlette.testclient import TestClient
 
-from service.api.context import Service
 from service.api.routes.events import _advanced
 from service.store.job import Outcome
 from tests.service.http import finish, idle_service
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+    from pathlib import Path
+
+    from starlette.testclient import TestClient
+
+    from service.api.context import Service
 
 JOBS = "/api/v1/jobs"
 

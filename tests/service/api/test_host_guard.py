@@ -1,10 +1,13 @@
 from __future__ import annotations
 
-from pathlib import Path
+from typing import TYPE_CHECKING
 
 import pytest
 
 from tests.service.http import HERE, idle_service
+
+if TYPE_CHECKING:
+    from pathlib import Path
 
 JOBS = "/api/v1/jobs"
 KEY = "correct-horse"

@@ -8,10 +8,8 @@ import json
 import pickle
 import socket
 import zipfile
-from collections.abc import Iterator
 from contextlib import suppress
-from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 from urllib.parse import urlsplit
 
 import numpy as np
@@ -19,6 +17,10 @@ import pytest
 
 from tests.acceptance.server import Server, running_server
 from tests.service.learned import dataset_bytes, model_bytes
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+    from pathlib import Path
 
 pytestmark = pytest.mark.slow
 

@@ -4,10 +4,9 @@ from __future__ import annotations
 
 import asyncio
 import tempfile
-from collections.abc import Callable
 from contextlib import suppress
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import pytest
 from hypothesis import given, settings
@@ -17,8 +16,12 @@ from service.api.context import Service
 from service.api.job_view_cache import EncodedJob, JobViewCache
 from service.settings import Settings
 from service.store.job import IllegalTransitionError, Job, Outcome, UnknownJobError
-from service.store.jobs import Store
 from tests.service.http import idle_service
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from service.store.jobs import Store
 
 _GRID = {"scenario": "line", "grid": {"seed": [0, 1]}}
 

@@ -6,9 +6,7 @@ import hashlib
 import io
 import json
 import threading
-from collections.abc import Iterator
-from pathlib import Path
-from typing import Any, get_args
+from typing import TYPE_CHECKING, Any, get_args
 
 import numpy as np
 import pytest
@@ -26,6 +24,10 @@ from service.worker.training_job import SETTINGS, STAGES, train_job
 from simcore.learning.trained import PACKAGED, REGRESSORS, parse_model
 from tests.service.http import finish, finish_training, idle_service
 from tests.service.learned import dataset_bytes, model_bytes
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+    from pathlib import Path
 
 JOBS, MODELS, UPLOADS = "/api/v1/jobs", "/api/v1/models", "/api/v1/uploads"
 Both = tuple[TestClient, Service]

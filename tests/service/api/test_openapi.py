@@ -2,17 +2,20 @@ from __future__ import annotations
 
 import json
 from importlib import import_module
-from pathlib import Path
 from pkgutil import iter_modules
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import pytest
-from pydantic import BaseModel
 
 from service.admission import campaign_planner, training_request
 from service.api import schemas
 from service.api.openapi_examples import EXAMPLES
 from tests.service.http import idle_service
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+    from pydantic import BaseModel
 
 OPERATIONS = {
     "submit_job": "POST /api/v1/jobs",

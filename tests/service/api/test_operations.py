@@ -4,22 +4,26 @@ from __future__ import annotations
 
 import json
 import sqlite3
-from collections.abc import Iterator
-from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import pytest
 from click.testing import CliRunner, Result
 from prometheus_client.parser import text_string_to_metric_families
-from starlette.testclient import TestClient
 
-from service.api.context import Service
 from service.cli.main import main
 from service.engine import health_checks as checks
 from service.files import disk
 from service.recording import web_viewer as viewer_files
 from service.store.database import open_database
 from tests.service.http import finish, idle_service
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+    from pathlib import Path
+
+    from starlette.testclient import TestClient
+
+    from service.api.context import Service
 
 JOBS = "/api/v1/jobs"
 

@@ -2,18 +2,21 @@ from __future__ import annotations
 
 import json
 import math
-from collections.abc import Iterator
-from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
-from starlette.testclient import TestClient
 
 from service.api.problems import echoed
 from service.settings import Limits
 from tests.service.http import idle_service
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+    from pathlib import Path
+
+    from starlette.testclient import TestClient
 
 JOBS = "/api/v1/jobs"
 JSON = {"Content-Type": "application/json"}

@@ -2,18 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from datetime import UTC, datetime
-from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from starlette.testclient import TestClient
 
 from service.admission.campaign_planner import Planner
-from service.api.context import Service
 from service.settings import Limits
 from service.store.campaigns import CampaignStore
 from service.store.database import open_database
@@ -24,6 +20,14 @@ from service.store.uploads import Uploads
 from simcore.errors import ScenarioError
 from tests.service.databases import lay_down
 from tests.service.http import idle_service
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+    from pathlib import Path
+
+    from starlette.testclient import TestClient
+
+    from service.api.context import Service
 
 CAMPAIGN = {"grid": {"seed": [0]}}
 HOUR = 3600.0

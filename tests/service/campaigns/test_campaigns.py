@@ -5,17 +5,21 @@ from __future__ import annotations
 import csv
 import io
 import re
-from collections.abc import Iterator
-from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 from urllib.parse import urljoin
 
 import pytest
-from starlette.testclient import TestClient
 
-from service.api.context import Service
 from service.store.job import CANCELLED, FAILED, SUCCEEDED, Outcome
 from tests.service.http import idle_service
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+    from pathlib import Path
+
+    from starlette.testclient import TestClient
+
+    from service.api.context import Service
 
 GRID = {
     "name": "two by two",

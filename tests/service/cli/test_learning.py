@@ -8,14 +8,12 @@ import signal
 import subprocess
 import sys
 import time
-from collections.abc import Iterator, Sequence
-from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 import pytest
 from click.testing import CliRunner, Result
 
-from benchmarks.cases import Case
 from benchmarks.learning.training_insertions import Insertion, training_insertions
 from service.cli import learning as cli_learn
 from service.cli.main import main
@@ -24,6 +22,12 @@ from service.local.dataset_runs import InsertionCache
 from simcore.learning import parse_model
 from simcore.mesh.reader import load_mesh
 from simcore.rollout.dataset import VARIABLES, load_dataset
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator, Sequence
+    from pathlib import Path
+
+    from benchmarks.cases import Case
 
 COARSE = ("--set", "tissue.element_size_mm=12", "--set", "dt_s=0.05")
 

@@ -7,9 +7,8 @@ import json
 import subprocess
 import sys
 import types
-from collections.abc import Callable
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import click
 import numpy as np
@@ -24,6 +23,9 @@ from simcore.scenario.presets import preset, preset_names
 from simcore.scenario.scenario import Scenario
 from tests.service.fake_run import FakeRollout, FakeRun
 from tests.service.recording.test_recording import recorded, short
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
 
 FILES = {"result.json", "series.npz", "recording.rrd"}
 

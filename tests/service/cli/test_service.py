@@ -1,7 +1,7 @@
 from __future__ import annotations
 
 import re
-from pathlib import Path
+from typing import TYPE_CHECKING
 
 import click
 import pytest
@@ -9,6 +9,9 @@ from click.testing import CliRunner, Result
 
 from service.api_key import id_of
 from service.cli.main import main
+
+if TYPE_CHECKING:
+    from pathlib import Path
 
 
 def needlebench(*words: str, **variables: str) -> Result:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from pathlib import Path
+from typing import TYPE_CHECKING
 
 import httpx2
 import pytest
@@ -10,6 +10,9 @@ import pytest
 from service.client.client import CannotWriteError, Client, ServiceError, UnreachableError
 from service.client.connection import part
 from simcore.errors import ScenarioError
+
+if TYPE_CHECKING:
+    from pathlib import Path
 
 URL = "http://127.0.0.1:8321"
 

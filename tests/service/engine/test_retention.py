@@ -2,14 +2,12 @@ from __future__ import annotations
 
 import json
 import os
-from collections.abc import Iterator
-from pathlib import Path
+from typing import TYPE_CHECKING
 
 import pytest
 from click.testing import CliRunner, Result
 from hypothesis import given
 from hypothesis import strategies as st
-from starlette.testclient import TestClient
 
 from service.api.context import Service, _sweep_of
 from service.cli.main import main
@@ -20,6 +18,12 @@ from service.store.jobs import Store
 from simcore.errors import ScenarioError
 from tests.service.http import finish, finish_training, idle_service
 from tests.service.learned import dataset_bytes, model_bytes
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+    from pathlib import Path
+
+    from starlette.testclient import TestClient
 
 DAY = 86400.0
 

@@ -4,8 +4,7 @@ from __future__ import annotations
 
 import json
 import shutil
-from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pytest
@@ -22,6 +21,9 @@ from simcore.rollout.rollout import run
 from simcore.scenario.scenario import Scenario
 from tests.service.http import idle_service
 from tests.service.learned import model_bytes
+
+if TYPE_CHECKING:
+    from pathlib import Path
 
 SHORT: dict[str, Any] = {
     "name": "short",

@@ -9,10 +9,9 @@ import signal
 import subprocess
 import sys
 import warnings
-from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pytest
@@ -26,10 +25,14 @@ from service.recording.colors import DISPLACEMENT_SCALE_M, displacement_colors
 from service.recording.observer import RerunObserver, optimize
 from service.recording.plots import PLOTS, Moment, Step
 from service.worker.attempt import ObserverGroup
-from simcore.arrays import Floats
-from simcore.rollout.records import Scene, StepRecord
 from simcore.scenario.scenario import Scenario
 from tests.service.fake_run import FakeRollout, FakeRun
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from simcore.arrays import Floats
+    from simcore.rollout.records import Scene, StepRecord
 
 STEPS = 230  # two full blocks and a part
 

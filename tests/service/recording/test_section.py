@@ -2,14 +2,18 @@
 
 from __future__ import annotations
 
+from typing import TYPE_CHECKING
+
 import numpy as np
 import pytest
 
 from service.recording.section import path_plane, section, surface
-from simcore.arrays import Floats, Ints
 from simcore.scenario.presets import preset
 from simcore.scenario.scenario import Scenario
 from tests.service.fake_run import box_mesh
+
+if TYPE_CHECKING:
+    from simcore.arrays import Floats, Ints
 
 SIZE_M = np.array([0.036, 0.062, 0.122])
 STRAIGHT = np.array([[0.018, 0.031, 0.0], [0.018, 0.031, 0.122]])

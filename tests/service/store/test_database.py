@@ -4,8 +4,7 @@ import os
 import shutil
 import sqlite3
 from contextlib import closing
-from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import pytest
 from alembic import command
@@ -18,6 +17,9 @@ from service.store import database
 from service.store.database import ForeignDatabaseError, open_database, revision_of, revisions
 from service.store.jobs import Store
 from service.store.schema import REVISION, metadata
+
+if TYPE_CHECKING:
+    from pathlib import Path
 
 
 def test_the_migrations_make_exactly_the_tables(tmp_path: Path) -> None:

@@ -4,14 +4,11 @@ from __future__ import annotations
 
 import json
 import sqlite3
-from collections.abc import Iterator
 from contextlib import closing
-from pathlib import Path
+from typing import TYPE_CHECKING
 
 import pytest
-from starlette.testclient import TestClient
 
-from service.api.context import Service
 from service.api.middleware.rate_limit import RateLimit
 from service.api_key import digest_of, id_of, keys_exist, new_key
 from service.environment import SettingsError
@@ -22,6 +19,14 @@ from service.store.keys import ENVIRONMENT, Keys, UnknownKeyError
 from simcore.errors import ScenarioError
 from tests.service.http import idle_service
 from tests.service.learned import model_bytes
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+    from pathlib import Path
+
+    from starlette.testclient import TestClient
+
+    from service.api.context import Service
 
 JOBS = "/api/v1/jobs"
 UPLOADS = "/api/v1/uploads"

@@ -7,20 +7,24 @@ import io
 import json
 import pickle
 import zipfile
-from collections.abc import Iterator
-from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pytest
-from starlette.testclient import TestClient
 
 from service.admission.upload_check import UnusableUploadError, read_content
-from service.api.context import Service
 from service.settings import Limits
 from tests.service.http import finish, idle_service
 from tests.service.learned import dataset_bytes, model_bytes
 from tests.simcore.mesh.test_mesh_file import write_box
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+    from pathlib import Path
+
+    from starlette.testclient import TestClient
+
+    from service.api.context import Service
 
 UPLOADS = "/api/v1/uploads"
 JOBS = "/api/v1/jobs"

@@ -3,18 +3,22 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Iterator
 from html import unescape
-from pathlib import Path
 from types import SimpleNamespace
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import pytest
-from starlette.testclient import TestClient
 
-from service.api.context import Service
 from service.engine.attempt_trace import MOST_POINTS, AttemptTrace
 from tests.service.http import finish, idle_service
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+    from pathlib import Path
+
+    from starlette.testclient import TestClient
+
+    from service.api.context import Service
 
 BROWSER = {"Accept": "text/html,application/xhtml+xml"}
 

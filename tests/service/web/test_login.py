@@ -3,17 +3,22 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator
-from pathlib import Path
+from typing import TYPE_CHECKING
 
 import pytest
-from starlette.testclient import TestClient
 
 from service.access import SESSION_COOKIE
-from service.api.context import Service
 from service.store.keys import SESSION_S, Keys
 from service.web.login import inside
 from tests.service.http import HERE, idle_service
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+    from pathlib import Path
+
+    from starlette.testclient import TestClient
+
+    from service.api.context import Service
 
 JOBS = "/api/v1/jobs"
 KEY = "correct-horse"

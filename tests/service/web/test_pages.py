@@ -3,10 +3,8 @@ from __future__ import annotations
 import json
 import re
 from collections import Counter
-from collections.abc import Iterator
 from html.parser import HTMLParser
-from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 from urllib.parse import quote, urljoin
 
 import pytest
@@ -25,6 +23,10 @@ from simcore.scenario.presets import preset_names, with_changes
 from simcore.scenario.scenario import Scenario
 from tests.service.http import finish, finish_training, idle_service
 from tests.service.learned import dataset_bytes, model_bytes
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+    from pathlib import Path
 
 HOSTILE = "<script>alert(1)</script>\"'&"
 VOID = {"area", "base", "br", "col", "hr", "img", "input", "link", "meta", "source"}

@@ -4,8 +4,7 @@ from __future__ import annotations
 
 import sys
 import time
-from collections.abc import Iterator
-from pathlib import Path
+from typing import TYPE_CHECKING
 
 import pytest
 
@@ -13,6 +12,10 @@ from benchmarks.cases import Case, Outcome
 from service.worker.crew import CRASHED, Crew, CrewStartError
 from simcore.metrics import MEASURED
 from tests.acceptance.server import alive, until
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+    from pathlib import Path
 
 RUNNER = "tests.service.many_runner:insertion"
 linux = pytest.mark.skipif(sys.platform != "linux", reason="kills by signal")
@@ -102,9 +105,11 @@ def test_batches_are_done_one_by_each_worker_with_one_attempt_a_case(tmp_path: P
 
 @linux
 def test_a_crew_whose_workers_never_get_ready_says_so(tmp_path: Path) -> None:
-    with Crew(1, folder=tmp_path, files=tmp_path, runner="tests.service.dead_runner:insertion") as crew:
-        with pytest.raises(CrewStartError, match="could not be started in 3 attempts: its worker process died"):
-            crew.start()
+    with (
+        Crew(1, folder=tmp_path, files=tmp_path, runner="tests.service.dead_runner:insertion") as crew,
+        pytest.raises(CrewStartError, match="could not be started in 3 attempts: its worker process died"),
+    ):
+        crew.start()
 
 
 def test_no_cases_start_no_process(tmp_path: Path) -> None:

@@ -3,15 +3,18 @@ from __future__ import annotations
 import os
 import threading
 import time
-from collections.abc import Iterator
 from concurrent.futures import wait
-from pathlib import Path
+from typing import TYPE_CHECKING
 
 import pytest
 
 from service.worker.process import WorkerDiedError, WorkerProcess, answer
 from service.worker.specs import AttemptReport, InsertionSpec, TrainingSpec
 from tests.acceptance.server import alive
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+    from pathlib import Path
 
 RUNNER = "tests.service.many_runner:insertion"
 

@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-from pathlib import Path
 from types import SimpleNamespace
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pytest
@@ -12,6 +11,9 @@ import pytest
 from service.worker import progress
 from service.worker.progress import ProgressFile
 from simcore.scenario.scenario import Scenario
+
+if TYPE_CHECKING:
+    from pathlib import Path
 
 
 def record(step: int, **values: Any) -> Any:

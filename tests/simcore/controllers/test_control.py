@@ -8,10 +8,9 @@ from __future__ import annotations
 
 import json
 import math
-from collections.abc import Callable
 from functools import cache, partial
 from itertools import pairwise
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pytest
@@ -21,12 +20,16 @@ from simcore.controllers.ifem import InverseFemController
 from simcore.errors import Status
 from simcore.insertion.jacobian_fast import linearise
 from simcore.robot import limited_pose
-from simcore.rollout.result import Rollout
 from simcore.rollout.rollout import run
 from simcore.rotations import log_map, matrix_from_quaternion
 from simcore.scenario.build import insertion_of, robot_limits
 from simcore.scenario.scenario import InverseFem, Scenario
 from tests.verification import verify
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from simcore.rollout.result import Rollout
 
 Vector = np.ndarray
 control = partial(verify, "control")

@@ -3,10 +3,9 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
 from dataclasses import replace
 from itertools import pairwise
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pytest
@@ -23,6 +22,9 @@ from simcore.insertion.state import Pose
 from simcore.rotations import exp_map, log_map, skew
 from simcore.scenario.scenario import InverseFem, Scenario
 from simcore.trajectory import targets
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
 
 Vector = np.ndarray
 LENGTH_M = 0.18

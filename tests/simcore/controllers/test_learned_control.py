@@ -5,8 +5,7 @@ from __future__ import annotations
 import json
 import math
 from importlib.metadata import EntryPoint
-from pathlib import Path
-from typing import Any, get_args
+from typing import TYPE_CHECKING, Any, get_args
 
 import numpy as np
 import pytest
@@ -28,6 +27,9 @@ from simcore.rotations import exp_map
 from simcore.scenario.controller_blocks import KINDS, Controller
 from simcore.scenario.scenario import FrozenJacobian, Scenario
 from tests.simcore.block import block_scenario
+
+if TYPE_CHECKING:
+    from pathlib import Path
 
 Vector = np.ndarray
 ENTRY = np.array([0.018, 0.031, 0.0])

@@ -3,20 +3,22 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pytest
 
 from simcore.controllers.plant_model import Separate, derivative, model_scenario
 from simcore.errors import ScenarioError, Status
-from simcore.rollout.records import StepRecord
-from simcore.rollout.result import Rollout
 from simcore.rollout.rollout import run
 from simcore.scenario.presets import preset, with_changes
 from simcore.scenario.scenario import InverseFem, Scenario, SeparateModel, SharedModel
 from tests.simcore.block import block_scenario
 from tests.verification import verify
+
+if TYPE_CHECKING:
+    from simcore.rollout.records import StepRecord
+    from simcore.rollout.result import Rollout
 
 TWIN = {"kind": "separate", "young_kpa": 6.3, "element_size_mm": 10.0, "friction": 0.1, "spacing_mm": 10.0}
 

@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import meshio
 import numpy as np
@@ -12,7 +11,6 @@ from numpy.typing import NDArray
 
 from simcore.controllers.plant_model import Separate
 from simcore.errors import ScenarioError, Status
-from simcore.insertion.insertion import Insertion
 from simcore.insertion.jacobian_exact import linearise_exactly
 from simcore.insertion.jacobian_perturbation import Perturbation
 from simcore.mesh.mesh import box_mesh
@@ -20,6 +18,11 @@ from simcore.rollout.rollout import run
 from simcore.scenario.build import insertion_of
 from simcore.scenario.scenario import InverseFem, Scenario, SeparateModel
 from tests.simcore.block import TIGHT, moved
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+    from simcore.insertion.insertion import Insertion
 
 Vector = NDArray[np.float64]
 

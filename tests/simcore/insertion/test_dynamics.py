@@ -5,13 +5,13 @@ from __future__ import annotations
 from dataclasses import replace
 from functools import partial
 from itertools import pairwise
+from typing import TYPE_CHECKING
 
 import numpy as np
 import pytest
 from scipy.linalg import eigh
 
 from simcore.contact.channel import Phase
-from simcore.insertion.insertion import Insertion, InsertionState
 from simcore.scenario.build import insertion_of
 from tests.simcore.block import (
     AHEAD,
@@ -27,6 +27,9 @@ from tests.simcore.block import (
 )
 from tests.simcore.reference import FullNewton, Iterate
 from tests.verification import verify
+
+if TYPE_CHECKING:
+    from simcore.insertion.insertion import Insertion, InsertionState
 
 Vector = np.ndarray
 check = partial(verify, "coupled")

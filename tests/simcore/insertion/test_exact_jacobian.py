@@ -6,9 +6,8 @@ Allowed: 1e-4 of each row (spec of the controllers); the fast form is many times
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pytest
@@ -19,16 +18,20 @@ from simcore.contact.kernels import frame_along
 from simcore.controllers import Observation, make_controller
 from simcore.controllers.plant_model import make_model
 from simcore.errors import ModelFailureError, Status
-from simcore.insertion.insertion import Insertion, InsertionState
 from simcore.insertion.jacobian_exact import linearise_exactly
 from simcore.insertion.jacobian_fast import Linearisation, lateral_offset, linearise
-from simcore.insertion.state import Pose
 from simcore.robot import limited_pose
 from simcore.scenario.build import insertion_of, robot_limits
 from simcore.scenario.scenario import Scenario
 from simcore.trajectory import targets
 from tests.simcore.block import AHEAD, TIGHT, advanced, block_scenario, curved_pose, moved
 from tests.verification import verify
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from simcore.insertion.insertion import Insertion, InsertionState
+    from simcore.insertion.state import Pose
 
 Vector = NDArray[np.float64]
 

@@ -9,17 +9,20 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import partial
+from typing import TYPE_CHECKING
 
 import numpy as np
 import pytest
 from scipy.sparse.linalg import factorized
 
-from simcore.insertion.insertion import Insertion, InsertionState
 from simcore.scenario.build import insertion_of
 from simcore.scenario.scenario import Scenario, Tissue
 from tests.simcore.block import AHEAD, advanced, moved, straight_poses, travel
 from tests.simcore.reference import small_strain_matrix
 from tests.verification import verify
+
+if TYPE_CHECKING:
+    from simcore.insertion.insertion import Insertion, InsertionState
 
 Vector = np.ndarray
 SIDE_MM, SPACING_MM, PUSH_M = 20.0, 5.0, 1e-4

@@ -4,13 +4,13 @@ from __future__ import annotations
 
 from functools import partial
 from itertools import pairwise
+from typing import TYPE_CHECKING
 
 import numpy as np
 import pytest
 
 from simcore.contact.channel import Phase
 from simcore.errors import Status
-from simcore.insertion.insertion import Insertion, InsertionState
 from simcore.insertion.state import Pose
 from simcore.scenario.build import insertion_of
 from tests.simcore.block import (
@@ -29,6 +29,9 @@ from tests.simcore.block import (
 )
 from tests.simcore.reference import FullNewton
 from tests.verification import verify
+
+if TYPE_CHECKING:
+    from simcore.insertion.insertion import Insertion, InsertionState
 
 Vector = np.ndarray
 CUTTING_N, ADHESION_N_PER_M = 0.1, 10.0  # the defaults of the scenario

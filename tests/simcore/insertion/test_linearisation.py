@@ -3,16 +3,19 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 import pytest
 
-from simcore.insertion.insertion import Insertion, InsertionState
 from simcore.insertion.jacobian_fast import Linearisation, lateral_offset, linearise
-from simcore.insertion.state import Pose
 from simcore.scenario.build import insertion_of
 from tests.simcore.block import AHEAD, advanced, block_scenario, curved_pose, moved
 from tests.verification import verify
+
+if TYPE_CHECKING:
+    from simcore.insertion.insertion import Insertion, InsertionState
+    from simcore.insertion.state import Pose
 
 Vector = np.ndarray
 LEVER_M = 0.1  # makes rotations comparable with translations, as in the controller

@@ -3,25 +3,28 @@
 from __future__ import annotations
 
 import time
+from typing import TYPE_CHECKING
 
 import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from simcore.controllers import Observation
 from simcore.errors import Status
-from simcore.insertion.insertion import Insertion, InsertionState
 from simcore.insertion.jacobian_exact import linearise_exactly
-from simcore.insertion.jacobian_fast import Linearisation
 from simcore.insertion.jacobian_perturbation import Perturbation
-from simcore.insertion.state import Pose
 from simcore.rollout.records import Silent
-from simcore.rollout.result import Rollout
 from simcore.rollout.rollout import _Loop, run
 from simcore.scenario.build import insertion_of
-from simcore.scenario.scenario import Scenario
 from tests.simcore.block import AHEAD, advanced, block_scenario, curved_pose
 from tests.verification import verify
+
+if TYPE_CHECKING:
+    from simcore.controllers import Observation
+    from simcore.insertion.insertion import Insertion, InsertionState
+    from simcore.insertion.jacobian_fast import Linearisation
+    from simcore.insertion.state import Pose
+    from simcore.rollout.result import Rollout
+    from simcore.scenario.scenario import Scenario
 
 Vector = NDArray[np.float64]
 

@@ -6,7 +6,7 @@ import hashlib
 import os
 import shutil
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import meshio
 import numpy as np
@@ -18,12 +18,14 @@ from simcore.file_names import names_mean, nothing
 from simcore.mesh.mesh import BoxMesh, box_mesh
 from simcore.mesh.numbering import held_nodes
 from simcore.mesh.reader import MAXIMUM_MB, load_mesh
-from simcore.rollout.result import Rollout
 from simcore.rollout.rollout import run
 from simcore.scenario.build import tissue_model
 from simcore.scenario.mesh_rules import MAXIMUM_FACTOR_MB
 from simcore.scenario.scenario import Scenario
 from tests.simcore.block import BLOCK_MM, block_scenario
+
+if TYPE_CHECKING:
+    from simcore.rollout.result import Rollout
 
 Vector = NDArray[np.float64]
 BOX = box_mesh(np.array(BLOCK_MM) * 1e-3, (2, 4, 6))

@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
-from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pytest
 
 from simcore.rollout.dataset import VARIABLES, Dataset, DatasetError, gathered, load_dataset, save_dataset, table_one
+
+if TYPE_CHECKING:
+    from pathlib import Path
 
 
 def table(rows: int, seed: int = 0) -> dict[str, np.ndarray]:

@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from typing import TYPE_CHECKING
 
 import numpy as np
 import pytest
 
-from simcore.arrays import Floats
 from simcore.controllers import Observation
 from simcore.controllers.frozen_jacobian import straight_jacobian
 from simcore.controllers.plant_model import Separate
@@ -16,6 +16,9 @@ from simcore.insertion.insertion import Insertion, InsertionState
 from simcore.rollout.rollout import run
 from simcore.scenario.scenario import FrozenJacobian, InverseFem, SeparateModel
 from tests.simcore.short_run import short
+
+if TYPE_CHECKING:
+    from simcore.arrays import Floats
 
 
 @pytest.fixture

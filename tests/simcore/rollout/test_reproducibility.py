@@ -8,9 +8,8 @@ from __future__ import annotations
 import json
 import subprocess
 import sys
-from collections.abc import Iterator
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pytest
@@ -20,6 +19,9 @@ from simcore.rollout.result import UNDIGESTED, Rollout, digest
 from simcore.rollout.rollout import run
 from simcore.scenario.scenario import Scenario
 from tests.verification import verify
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
 
 ROOT = Path(__file__).resolve().parents[3]
 SOURCE = "definition: one scenario, one result"

@@ -231,12 +231,12 @@ def test_records_own_their_arrays() -> None:
     assert watcher.records[-1].points_m.shape[0] >= 3
 
 
-class Stopped(Exception):
+class StoppedError(Exception):
     """What a cancelling observer raises."""
 
 
 @pytest.mark.parametrize("step", [1, 17, STEPS])
-@pytest.mark.parametrize("error", [Stopped(), KeyboardInterrupt(), SystemExit(3)])
+@pytest.mark.parametrize("error", [StoppedError(), KeyboardInterrupt(), SystemExit(3)])
 def test_an_observer_that_raises_stops_the_run(plain: Rollout, step: int, error: BaseException) -> None:
     watcher = Watcher(stop_at=step, error=error)
     with pytest.raises(type(error)):
@@ -246,8 +246,8 @@ def test_an_observer_that_raises_stops_the_run(plain: Rollout, step: int, error:
 
 
 def test_a_run_after_a_stopped_one_is_the_same(plain: Rollout) -> None:
-    with pytest.raises(Stopped):
-        run(short(), Watcher(stop_at=20, error=Stopped()))
+    with pytest.raises(StoppedError):
+        run(short(), Watcher(stop_at=20, error=StoppedError()))
     assert run(short()).digest == plain.digest
 
 

@@ -7,9 +7,9 @@ linear u falls with s, and the mean of a push and a pull of the same size is u b
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass
 from functools import partial
+from typing import TYPE_CHECKING
 
 import numpy as np
 import pytest
@@ -18,11 +18,15 @@ from skfem import Basis, ElementTetP1, ElementVector, FacetBasis, LinearForm, Me
 from skfem.helpers import dot
 from skfem.models.elasticity import lame_parameters, linear_elasticity
 
-from simcore.mesh.mesh import Mesh
-from simcore.tissue.model import TissueModel
 from tests.simcore.block import block as made_block
 from tests.simcore.block import relaxed, surface_areas
 from tests.verification import verify
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from simcore.mesh.mesh import Mesh
+    from simcore.tissue.model import TissueModel
 
 Vector = NDArray[np.float64]
 check = partial(verify, "tissue", source="scikit-fem, linear_elasticity on P1 tetrahedra (Gustafsson and McBain 2020)")

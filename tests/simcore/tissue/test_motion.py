@@ -2,19 +2,21 @@
 
 from __future__ import annotations
 
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pytest
 from scipy.linalg import cho_factor, cho_solve
 
 from simcore.errors import ScenarioError
-from simcore.insertion.insertion import Insertion, InsertionState
 from simcore.rollout.rollout import run
 from simcore.scenario.build import breathing_motion, insertion_of
 from simcore.scenario.scenario import Breathing, Scenario, Still
 from simcore.tissue.model import rotated_stiffness_times
 from tests.simcore.block import Vector, advanced, block_scenario, moved, straight_poses
+
+if TYPE_CHECKING:
+    from simcore.insertion.insertion import Insertion, InsertionState
 
 BREATH = {"kind": "breathing", "amplitude_mm": 6.0, "period_s": 0.5, "direction": [0.0, 3.0, 4.0]}
 

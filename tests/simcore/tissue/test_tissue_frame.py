@@ -4,16 +4,18 @@ from __future__ import annotations
 
 from functools import cache
 from itertools import pairwise
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pytest
 
-from simcore.rollout.result import Rollout
 from simcore.rollout.rollout import material_path, run
 from simcore.scenario.build import insertion_of
 from simcore.trajectory import polyline_distance_m
 from tests.simcore.block import Vector, block_scenario, moved
+
+if TYPE_CHECKING:
+    from simcore.rollout.result import Rollout
 
 BREATH = {"kind": "breathing", "amplitude_mm": 6.0, "period_s": 4.0}
 TARGET_MM = [14.0, 23.0, 30.0]
