@@ -33,9 +33,10 @@ env:  ## only make or mend .venv, with what running needs
 env-dev:  ## the same with what testing needs
 	@$(BOOTSTRAP) --dev
 
-check: env-dev  ## lint, formatting and types
+check: env-dev  ## lint, formatting, the direction of imports, types
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
+	$(BIN)/lint-imports --no-logo
 	$(BIN)/mypy simcore service benchmarks needlebench bootstrap.py bootstrap_python.py hatch_build.py
 
 test: check  ## everything that a change must pass: lint, formatting, types and the tests
