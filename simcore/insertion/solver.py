@@ -133,5 +133,5 @@ def _solved(workspace: Workspace, start: Bodies, active: ActiveSet, at: Iterate,
 def tissue_response(workspace: Workspace, solved: SolvedStep) -> TissueResponse:
     """The tissue's side of the step that was solved last in this workspace, copied out of it."""
     compliance, elements = workspace.compliance, solved.active.elements
-    columns = compliance.columns[elements].reshape(3 * len(elements), -1)
+    columns = compliance.columns[elements].reshape(3 * len(elements), compliance.columns.shape[2])
     return TissueResponse(workspace.blocks.rotations(), compliance.factor, columns)

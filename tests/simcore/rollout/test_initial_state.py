@@ -34,6 +34,13 @@ def unsettled(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(Insertion, "initial_state", initial_state)
 
 
+def frozen() -> Floats:
+    """The Jacobian of the frozen controller, 5 mm deep."""
+    scenario = short(controller={"kind": "frozen", "depth_mm": 5.0})
+    assert isinstance(scenario.controller, FrozenJacobian)
+    return straight_jacobian(scenario.controller, scenario)
+
+
 @pytest.mark.usefixtures("unsettled")
 def test_a_run_ends_before_its_first_step() -> None:
     rollout = run(short(controller={"kind": "open_loop"}))
@@ -46,7 +53,7 @@ def test_a_run_ends_before_its_first_step() -> None:
 @pytest.mark.usefixtures("unsettled")
 def test_a_frozen_jacobian_is_not_taken_from_there() -> None:
     with pytest.raises(ModelFailureError, match="insertion for the frozen Jacobian: no equilibrium at the start"):
-        straight_jacobian(FrozenJacobian(depth_mm=5.0), short(controller={"kind": "frozen"}))
+        frozen()
 
 
 @pytest.mark.usefixtures("unsettled")
@@ -60,4 +67,4 @@ def test_a_separate_model_is_not_linearised_there() -> None:
 
 
 def test_a_settled_start_is_none_of_this() -> None:
-    assert np.isfinite(straight_jacobian(FrozenJacobian(depth_mm=5.0), short(controller={"kind": "frozen"}))).all()
+    assert np.isfinite(frozen()).all()
