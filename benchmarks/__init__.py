@@ -1,1 +1,1 @@
-"""Speed, convergence, the rerun of the paper, parameter grids. Pure: processes and files are handed in."""
+"""Speed, convergence, the rerun of the paper, parameter grids. Pure: callers provide processes and files."""

@@ -16,7 +16,7 @@ FLOOR_SINGLE = 0.15  # where one side is a single run, which tells nothing about
 
 
 class Verdict(StrEnum):
-    """What became of a figure."""
+    """How a figure changed."""
 
     SAME = "same"
     BETTER = "better"

@@ -14,7 +14,7 @@ from simcore.scenario.presets import preset
 
 SCHEMA = "needlebench/bench/1"
 FIGURE_FIELDS = ("median", "iqr", "runs", "unit", "better", "target", "met", "note")
-BUSY_LOAD = 0.5  # load average from which on somebody else is at work
+BUSY_LOAD = 0.5  # load average above which other work is running
 
 
 def document(
@@ -25,7 +25,7 @@ def document(
     load_before: float | None,
     load_after: float | None,
 ) -> dict[str, Any]:
-    """What is stored. date: ISO 8601. load: of the machine over a minute, None where nobody counts."""
+    """What is stored. date: ISO 8601. load: of the machine over a minute, None where it is not counted."""
     origin = provenance(preset("line").resolved())
     figures = {figure.key: figure.as_json() for part in parts.values() for figure in part.figures}
     return {
@@ -53,7 +53,7 @@ def busy(load: float | None) -> str | None:
     """A warning if the machine had other work, else None."""
     if load is None or load < BUSY_LOAD:
         return None
-    return f"the machine is busy (load average {load:.2f}): these timings are not to be trusted"
+    return f"the machine is busy (load average {load:.2f}): do not trust these timings"
 
 
 def load_report(path: Path) -> dict[str, Any]:

@@ -14,7 +14,7 @@ QUICK_SHARE = 0.1  # of the path
 QUICK_EDGE_MM = 10.0
 
 
-def measured(name: str, *, quick: bool, changes: tuple[str, ...] = ()) -> Scenario:
+def benchmark_scenario(name: str, *, quick: bool, changes: tuple[str, ...] = ()) -> Scenario:
     """A built-in scenario with `PATH=VALUE` changes; `quick`: the first tenth of its path, in a coarse mesh."""
     data = start(name)
     if quick:
@@ -27,8 +27,8 @@ def measured(name: str, *, quick: bool, changes: tuple[str, ...] = ()) -> Scenar
     return Scenario.load(with_changes(data, list(changes)))
 
 
-def changed(scenario: Scenario, **blocks: Any) -> Scenario:
-    """A copy with other fields: `changed(s, tissue={"element_size_mm": 4.0}, dt_s=0.005)`.
+def with_blocks(scenario: Scenario, **blocks: Any) -> Scenario:
+    """A copy with other fields: `with_blocks(s, tissue={"element_size_mm": 4.0}, dt_s=0.005)`.
 
     The spacing of the constraint points follows the mesh again unless it is among the changes.
     """
@@ -40,7 +40,7 @@ def changed(scenario: Scenario, **blocks: Any) -> Scenario:
     return Scenario.load(data)
 
 
-def supported(*changes: str) -> bool:
+def is_supported(*changes: str) -> bool:
     """Whether the scenario format knows these fields and values: some controllers are built with less."""
     try:
         Scenario.load(with_changes({}, list(changes)))

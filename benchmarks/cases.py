@@ -1,4 +1,4 @@
-"""What an experiment is made of: cases that are run by somebody, and what came out of each."""
+"""What an experiment is made of: cases to run, and the outcome of each."""
 
 from __future__ import annotations
 

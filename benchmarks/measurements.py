@@ -1,4 +1,4 @@
-"""What a benchmark hands back: figures with their spread and target, tables, and files to write."""
+"""What a benchmark returns: figures with their spread and target, tables, and files to write."""
 
 from __future__ import annotations
 
@@ -77,7 +77,7 @@ class Figure:
         return None if self.target is None or median is None else self.target.met_by(median)
 
     def as_json(self) -> dict[str, Any]:
-        """The figure as it stands in a report."""
+        """The figure as a report stores it."""
         target = None if self.target is None else {self.target.sense: self.target.bound}
         return {
             "median": self.median,
@@ -104,7 +104,7 @@ def figure(
     return Figure(key, unit, tuple(float(v) for v in values), better, target or TARGETS.get(key), note)
 
 
-def absent(key: str, unit: str, why: str) -> Figure:
+def missing_figure(key: str, unit: str, why: str) -> Figure:
     """A figure that could not be measured, and why."""
     return figure(key, unit, (), note=why)
 
@@ -118,7 +118,7 @@ class Table:
     rows: tuple[tuple[Any, ...], ...]
 
     def as_json(self) -> dict[str, Any]:
-        """The table as it stands in a report."""
+        """The table as a report stores it."""
         return {"title": self.title, "columns": list(self.columns), "rows": [list(row) for row in self.rows]}
 
     def markdown(self) -> str:
@@ -127,7 +127,7 @@ class Table:
         lines = [
             f"| {' | '.join(self.columns)} |",
             f"|{'|'.join(' ---: ' if right else ' --- ' for right in numeric)}|",
-            *(f"| {' | '.join(shown(value) for value in row)} |" for row in self.rows),
+            *(f"| {' | '.join(cell_text(value) for value in row)} |" for row in self.rows),
         ]
         return "\n".join(lines) + "\n"
 
@@ -141,8 +141,8 @@ class Part:
     files: dict[str, str] = field(default_factory=dict)
 
 
-def shown(value: Any) -> str:
-    """A value for people: four significant digits, a dash for what there is not."""
+def cell_text(value: Any) -> str:
+    """A value for readers: four significant digits, a dash where there is none."""
     if value is None or (isinstance(value, float) and not np.isfinite(value)):
         return "-"
     if isinstance(value, bool):

@@ -13,7 +13,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from simcore.rollout.records import Scene, StepRecord
-from simcore.rollout.rollout import Rollout, compile_kernels, run
+from simcore.rollout.result import Rollout
+from simcore.rollout.rollout import compile_kernels, run
 from simcore.rollout.series import lateral_forces
 from simcore.scenario.scenario import Scenario
 
@@ -22,7 +23,7 @@ _FILE = "observed.npz"
 
 
 @dataclass(frozen=True)
-class Observed:
+class ObservedRun:
     """One finished run. series: as in series.npz, and entry_force_n (steps + 1,)."""
 
     status: str
@@ -39,10 +40,12 @@ class EntryForce:
         self.force_n: list[float] = []
 
     def begin(self, scene: Scene, first: StepRecord) -> None:
+        """Note the entry."""
         self.entry_m = scene.entry_m
         self.step(first)
 
     def step(self, record: StepRecord) -> None:
+        """Append the force of this step; 0 as long as nothing is inserted."""
         if not len(record.points_m):
             self.force_n.append(0.0)
             return
@@ -50,15 +53,15 @@ class EntryForce:
         self.force_n.append(float(np.linalg.norm(lateral_forces(record)[nearest])))
 
     def end(self, rollout: Rollout) -> None:
-        pass
+        """Nothing is left to do."""
 
 
-def observe(scenario: Scenario) -> Observed:
+def observe(scenario: Scenario) -> ObservedRun:
     """Run a scenario in this process."""
     observer = EntryForce()
     done = run(scenario, observer)
     series = {**done.series, "entry_force_n": np.array(observer.force_n)}
-    return Observed(str(done.status), done.message, done.metrics, done.solver, series)
+    return ObservedRun(str(done.status), done.message, done.metrics, done.solver, series)
 
 
 def job(spec: dict[str, Any], folder: Path) -> dict[str, Any]:
@@ -68,10 +71,10 @@ def job(spec: dict[str, Any], folder: Path) -> dict[str, Any]:
     return {"status": done.status, "message": done.message, "metrics": done.metrics, "solver": done.solver}
 
 
-def load(folder: Path, result: dict[str, Any]) -> Observed:
+def load(folder: Path, result: dict[str, Any]) -> ObservedRun:
     """What a job left."""
     with np.load(folder / _FILE) as arrays:
-        return Observed(**result, series={name: arrays[name] for name in arrays.files})
+        return ObservedRun(**result, series={name: arrays[name] for name in arrays.files})
 
 
 def warm_up() -> None:

@@ -1,4 +1,4 @@
-"""What the suites need and must not know: processes, the recorder, files. The command line hands them in."""
+"""What the benchmarks need and must not know: processes, the recorder, files. The command line provides them."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Protocol
 
-from benchmarks.observed_run import Observed
+from benchmarks.observed_run import ObservedRun
 from simcore.rollout.records import Observer
 from simcore.scenario.scenario import Scenario
 
@@ -29,13 +29,13 @@ class Crew(Protocol):
     def seconds(self, batches: Sequence[Sequence[Scenario]]) -> float:
         """Wall time until each worker has done its batch, one scenario after the other, all workers at once."""
 
-    def run_many(self, scenarios: Sequence[Scenario]) -> list[Observed]:
+    def run_many(self, scenarios: Sequence[Scenario]) -> list[ObservedRun]:
         """Run all, two at a time; results in the order of the scenarios."""
 
 
 @dataclass(frozen=True)
-class Tools:
-    """What is handed in.
+class BenchPorts:
+    """What the command line provides.
 
     say: progress, one line. recorder: opens a recording at a path. recorder_name: the same, as `module:function`, for a
     process of its own. crew: so many workers while the context is open. folder: where scratch files may be.

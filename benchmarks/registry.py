@@ -13,7 +13,7 @@ from benchmarks.performance.start_and_memory import memory, start
 from benchmarks.performance.step_profile import profile
 from benchmarks.performance.throughput import throughput
 from benchmarks.performance.whole_step import step
-from benchmarks.ports import Tools
+from benchmarks.ports import BenchPorts
 from benchmarks.studies.convergence import convergence
 from benchmarks.studies.forces import forces
 from simcore.errors import Problem, ScenarioError
@@ -23,7 +23,7 @@ from simcore.errors import Problem, ScenarioError
 class Benchmark:
     """A benchmark; studies are run only when they are named."""
 
-    run: Callable[[Tools], Part]
+    run: Callable[[BenchPorts], Part]
     text: str
     study: bool = False
 
@@ -31,18 +31,18 @@ class Benchmark:
 BENCHMARKS = {
     "micro": Benchmark(micro, "kernels one by one: forces, back-solve, refactor, W, beams"),
     "step": Benchmark(step, "plant step and whole I-FEM step along line and sine, in ms and in L0"),
-    "scaling": Benchmark(scaling, "the step over nodes (beside L0), depth, beams, time step"),
-    "throughput": Benchmark(throughput, "two jobs at once on two cores against one after the other"),
+    "scaling": Benchmark(scaling, "the step over nodes (next to L0), depth, beams, time step"),
+    "throughput": Benchmark(throughput, "two jobs at once on two cores, compared with one after the other"),
     "recording": Benchmark(recording, "a run with and without its recording"),
     "start-up": Benchmark(start, "process start to first step, warm and cold kernel cache"),
     "memory": Benchmark(memory, "peak memory of a process at 1,617 and 5,270 nodes"),
     "profile": Benchmark(profile, "share of each stage of a step"),
-    "convergence": Benchmark(convergence, "tip, entry force and sum |lambda| over the discretisation", study=True),
+    "convergence": Benchmark(convergence, "tip, entry force and sum |lambda| by discretisation", study=True),
     "forces": Benchmark(forces, "force over depth: push, hold, pull out", study=True),
 }
 
 
-def chosen(names: Sequence[str]) -> list[str]:
+def select(names: Sequence[str]) -> list[str]:
     """The benchmarks asked for, each once; without a name all that measure time or memory. Raises ScenarioError."""
     unknown = [name for name in names if name not in BENCHMARKS]
     if unknown:
@@ -50,6 +50,6 @@ def chosen(names: Sequence[str]) -> list[str]:
     return list(dict.fromkeys(names)) or [name for name, benchmark in BENCHMARKS.items() if not benchmark.study]
 
 
-def run_suite(names: Sequence[str], tools: Tools) -> dict[str, Part]:
+def run_suite(names: Sequence[str], ports: BenchPorts) -> dict[str, Part]:
     """Each benchmark's part, in the order of the names."""
-    return {name: BENCHMARKS[name].run(tools) for name in names}
+    return {name: BENCHMARKS[name].run(ports) for name in names}

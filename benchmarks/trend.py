@@ -12,8 +12,6 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from enum import StrEnum
 
-from scipy import stats
-
 SIGNIFICANCE = 0.01  # [ours] two-tailed p below which a difference of paired errors is taken to be real
 WORTH_MM = 0.005  # [ours] median difference below which a real one is not worth a mark
 SPREADS = 4.0  # [ours] robust standard deviations of the history that a time may be above its median
@@ -23,7 +21,7 @@ _NORMAL = 1.4826  # median absolute deviation -> standard deviation, for a norma
 
 
 class Mark(StrEnum):
-    """What became of a figure against the runs before."""
+    """How a figure compares with the runs before."""
 
     FIRST = "first"  # nothing to compare with
     SAME = "same"  # identical, or within noise
@@ -80,14 +78,14 @@ def judge(point: Point, before: Sequence[Point]) -> Judgement:
     return Judgement(accuracy, accuracy_why, success, success_why, time, time_why)
 
 
-def judged(points: Sequence[Point]) -> list[Judgement]:
+def judge_all(points: Sequence[Point]) -> list[Judgement]:
     """Every point of a history, oldest first, against those before it."""
     return [judge(point, points[:i]) for i, point in enumerate(points)]
 
 
 @dataclass(frozen=True)
 class Loss:
-    """What got worse and has not been mended: `figure` (accuracy or success) since point `since` of the history; the
+    """What got worse and has not recovered: `figure` (accuracy or success) since point `since` of the history; the
     last point is still worse than the one before that, and `why` says by how much."""
 
     figure: str
@@ -95,18 +93,18 @@ class Loss:
     why: str
 
 
-def lasting(points: Sequence[Point]) -> list[Loss]:
-    """The losses of a history, oldest first. A time is judged against many runs and needs no such look back."""
-    marks = judged(points)
-    found = []
+def lasting_losses(points: Sequence[Point]) -> list[Loss]:
+    """The losses of a history, oldest first. A time is judged against many runs, so it needs no such check."""
+    marks = judge_all(points)
+    losses = []
     for figure in ("accuracy", "success"):
         for i, mark in enumerate(marks):
             if getattr(mark, figure) is Mark.WORSE:
                 now = judge(points[-1], [points[i - 1]])
                 if getattr(now, figure) is Mark.WORSE:
-                    found.append(Loss(figure, i, getattr(now, f"{figure}_why")))
+                    losses.append(Loss(figure, i, getattr(now, f"{figure}_why")))
                     break
-    return found
+    return losses
 
 
 def _accuracy(point: Point, last: Point | None) -> tuple[Mark, str]:
@@ -115,10 +113,12 @@ def _accuracy(point: Point, last: Point | None) -> tuple[Mark, str]:
         return Mark.FIRST, "there is no earlier run of these cases"
     changed = [case for case in shared if point.digests.get(case) != last.digests.get(case)]
     if not changed:
-        return Mark.SAME, f"all {len(shared)} digests as before"
+        return Mark.SAME, f"all {len(shared)} digests unchanged"
     gaps = [_gap(point.rmse_mm[case], last.rmse_mm[case]) for case in shared]
     above, below = sum(gap > 0 for gap in gaps), sum(gap < 0 for gap in gaps)
-    p = float(stats.binomtest(above, above + below).pvalue) if above + below else 1.0
+    from scipy.stats import binomtest  # a second of imports that readers of this module do not wait for
+
+    p = float(binomtest(above, above + below).pvalue) if above + below else 1.0
     middle = statistics.median(gaps)
     why = f"{len(changed)} of {len(shared)} digests changed; RMSE {middle:+.4f} mm in the median, sign test p = {p:.2g}"
     if p >= SIGNIFICANCE or abs(middle) < WORTH_MM:

@@ -28,7 +28,8 @@ for _name in THREAD_VARIABLES:
 if TYPE_CHECKING:
     from service.client.client import Client
     from simcore.controllers import Controller, Observation
-    from simcore.insertion.insertion import Pose, rotation_towards
+    from simcore.insertion.insertion import rotation_towards
+    from simcore.insertion.state import Pose
     from simcore.plugins import register_controller
     from simcore.rollout.rollout import run
     from simcore.scenario.scenario import Scenario
@@ -50,7 +51,7 @@ _HOMES = {
     "Client": "service.client.client",
     "Controller": "simcore.controllers",
     "Observation": "simcore.controllers",
-    "Pose": "simcore.insertion.insertion",
+    "Pose": "simcore.insertion.state",
     "Scenario": "simcore.scenario.scenario",
     "register_controller": "simcore.plugins",
     "rotation_towards": "simcore.insertion.insertion",

@@ -3,53 +3,47 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
 
-from fastapi import Depends, Request
-
-from service.api.problems import HttpProblem
+from simcore.errors import NeedlebenchError
 
 READ, SUBMIT, ADMIN = SCOPES = ("read", "submit", "admin")
 SAFE_METHODS = frozenset({"GET", "HEAD", "OPTIONS"})
-SCOPE_FIELD = "x-needlebench-scope"
+OPEN_PATHS = frozenset({"/healthz", "/readyz", "/login"})  # health checks carry no key; the login is where one is given
+SESSION_COOKIE = "needlebench_session"  # of a browser that has logged in
+
+
+class ForbiddenError(NeedlebenchError):
+    """The caller is known, and may not do this; says which scope it takes."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class Caller:
-    """key_id: the API key; None where none is asked for. by_cookie: a browser that logged in."""
+    """key_id: the API key; None where none is required. by_cookie: a browser that logged in."""
 
     key_id: str | None
     scope: str
     by_cookie: bool = False
 
     def may(self, scope: str) -> bool:
+        """Whether the caller's scope includes this one."""
         return SCOPES.index(self.scope) >= SCOPES.index(scope)
 
-    def must(self, scope: str, what: str) -> None:
-        """Raises HttpProblem 403 without the scope."""
+    def require(self, scope: str, action: str) -> None:
+        """Raises ForbiddenError without the scope. action: what was attempted, for the message."""
         if not self.may(scope):
-            raise HttpProblem(403, refusal(self.scope, scope, what))
+            raise ForbiddenError(refusal(self.scope, scope, action))
 
-    def must_own(self, owner: str | None, what: str) -> None:
-        """Raises HttpProblem 403 for what another key has made, unless the scope is admin."""
+    def require_owner(self, owner: str | None, thing: str) -> None:
+        """Raises ForbiddenError for what another key created, unless the scope is admin."""
         if self.key_id is None or owner != self.key_id:
-            self.must(ADMIN, f"{what} is not yours: this")
+            self.require(ADMIN, f"{thing} belongs to another key: this")
 
 
-def refusal(have: str, need: str, what: str) -> str:
-    """The sentence for a key that is known and may not."""
-    return f"{what} needs a key of scope {need}; yours has {have}"
+def refusal(have: str, need: str, action: str) -> str:
+    """The sentence for a key that is known but may not do this."""
+    return f"{action} needs a key of scope {need}; yours has {have}"
 
 
 def scope_of(method: str) -> str:
-    """What a request needs at least."""
+    """The least scope that a request of this HTTP method needs."""
     return READ if method in SAFE_METHODS else SUBMIT
-
-
-async def _admin(request: Request) -> None:
-    request.state.caller.must(ADMIN, f"{request.method} {request.url.path[:100]}")
-
-
-def admin_only() -> dict[str, Any]:
-    """Options of a route that needs the scope admin: `@router.get(..., **admin_only())`."""
-    return {"dependencies": [Depends(_admin)], "openapi_extra": {SCOPE_FIELD: ADMIN}}

@@ -11,28 +11,26 @@ from fastapi import FastAPI
 
 from service.api import openapi, problems
 from service.api.context import Service
-from service.api.middleware.framework_errors import PlainErrors
-from service.api.middleware.guard import BodyLimit, HostGuard
+from service.api.middleware.body_limit import BodyLimit
+from service.api.middleware.framework_errors import PlainTextErrors
 from service.api.middleware.head_requests import HeadAsGet
+from service.api.middleware.host_guard import HostGuard
 from service.api.middleware.key_guard import KeyGuard
 from service.api.middleware.request_log import RequestLog
 from service.api.readiness import readings
-from service.api.routes import campaigns as api_campaigns
-from service.api.routes import events, results, system
-from service.api.routes import jobs as api
-from service.api.routes import keys as key_routes
-from service.api.routes import models as api_models
-from service.api.routes import operations as ops
-from service.api.routes import schedules as api_schedules
-from service.api.routes import uploads as upload_routes
-from service.store.keys import UnknownKey
-from service.store.models import UnknownModel
-from service.store.uploads import UnknownUpload, UploadInUse, UploadsFull
+from service.api.routes import campaigns, events, jobs, keys, models, operations, results, schedules, system, uploads
 from service.version import installed_version
-from service.web import assets, campaigns, jobs, login, models, schedules, site, viewer
+from service.web import assets, login, site, viewer
+from service.web import campaigns as campaign_pages
+from service.web import jobs as job_pages
+from service.web import models as model_pages
+from service.web import schedules as schedule_pages
 
 DESCRIPTION = """Robotic needle insertions in deforming tissue, as jobs: submit a scenario, follow it, fetch its
 metrics, series and recording. Every error is `application/problem+json` (RFC 9457)."""
+
+ROUTES = (jobs, events, results, campaigns, schedules, models, uploads, keys, system, operations)
+PAGES = (login, job_pages, campaign_pages, schedule_pages, model_pages, viewer, assets)
 
 
 def create_app(service: Service) -> FastAPI:
@@ -55,34 +53,17 @@ def create_app(service: Service) -> FastAPI:
         version=installed_version(),
         description=DESCRIPTION,
         lifespan=lifespan,
-        docs_url=None,  # they load scripts from elsewhere
+        docs_url=None,  # its page loads scripts from another server
         redoc_url=None,
         redirect_slashes=False,
     )
     app.state.service = service
     service.monitor.add(lambda: readings(service))
-    app.openapi = openapi.document_of(app)  # type: ignore[method-assign]
+    app.openapi = openapi.document_builder(app)  # type: ignore[method-assign]
     problems.install(app, page=site.problem)
-    app.add_exception_handler(UnknownUpload, problems.on_unknown)
-    app.add_exception_handler(UnknownModel, problems.on_unknown)
-    app.add_exception_handler(UnknownKey, problems.on_unknown)
-    app.add_exception_handler(UploadInUse, problems.on_conflict)
-    app.add_exception_handler(UploadsFull, problems.on_no_room)
-    for part in (
-        api,
-        events,
-        results,
-        api_campaigns,
-        api_schedules,
-        api_models,
-        upload_routes,
-        key_routes,
-        system,
-        ops,
-        login,
-    ):
-        app.include_router(part.router)
-    for page in (jobs, campaigns, schedules, models, viewer, assets):
+    for route in ROUTES:
+        app.include_router(route.router)
+    for page in PAGES:
         app.include_router(page.router)
     _guard(app, service)
     app.add_middleware(cast(Any, RequestLog), monitor=service.monitor)
@@ -93,8 +74,8 @@ def _guard(app: FastAPI, service: Service) -> None:
     """The layers around the routes; the last one added sees a request first."""
     limits, settings = service.settings.limits, service.settings
     uploads = {"/api/v1/uploads": limits.upload_bytes}
-    app.add_middleware(cast(Any, PlainErrors))
+    app.add_middleware(cast(Any, PlainTextErrors))
     app.add_middleware(cast(Any, HeadAsGet))
-    app.add_middleware(cast(Any, BodyLimit), maximum_bytes=limits.body_bytes, more=uploads)
+    app.add_middleware(cast(Any, BodyLimit), maximum_bytes=limits.body_bytes, exceptions=uploads)
     app.add_middleware(cast(Any, KeyGuard), keys=service.keys, rate_per_key=limits.rate_per_key)
     app.add_middleware(cast(Any, HostGuard), loopback=settings.loopback)

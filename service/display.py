@@ -1,4 +1,4 @@
-"""A job in words: the scenario and, once there is one, the result, as markdown and as flat values."""
+"""Scenarios, results and their values as people read them."""
 
 from __future__ import annotations
 
@@ -10,20 +10,20 @@ from simcore.scenario.scenario import Scenario
 
 
 def job_text(scenario: Scenario, result: dict[str, Any] | None) -> str:
-    """Markdown: what is run, and what came out of it."""
+    """The scenario and, once there is one, the result, as Markdown."""
     lines = [f"# {scenario.name}", ""]
-    lines += _result_lines(result) if result is not None else ["Running, or stopped before its end.", ""]
+    lines += _result_lines(result) if result is not None else ["Running, or stopped early.", ""]
     defaults = dict(flat(Scenario().resolved()))
     rows = [(key, value) for key, value in flat(scenario.resolved()) if key != "controller.poses"]
     lines += ["## Scenario", "", "| field | value | |", "| --- | --- | --- |"]
-    lines += [f"| {k} | {_shown(v)} | {'' if defaults.get(k) == v else 'set'} |" for k, v in rows]
+    lines += [f"| {k} | {_cell(v)} | {'' if defaults.get(k) == v else 'set'} |" for k, v in rows]
     return "\n".join(lines) + "\n"
 
 
 def _result_lines(result: dict[str, Any]) -> list[str]:
     lines = [f"**{result['status']}** {result.get('message', '')}", "", "| result | |", "| --- | --- |"]
     groups = ("metrics", "timing", "solver")
-    lines += [f"| {key} | {_shown(value)} |" for group in groups for key, value in flat(result.get(group, {}))]
+    lines += [f"| {key} | {_cell(value)} |" for group in groups for key, value in flat(result.get(group, {}))]
     return [*lines, f"| digest | `{result['digest']}` |", ""]
 
 
@@ -47,5 +47,23 @@ def flat(data: dict[str, Any], prefix: str = "") -> Iterator[tuple[str, Any]]:
             yield prefix + key, value
 
 
-def _shown(value: Any) -> str:
+def _cell(value: Any) -> str:
     return f"{value:.6g}" if isinstance(value, float) else json.dumps(value)
+
+
+def shown(value: Any) -> str:
+    """A value of a result: four significant digits, yes or no, a dash for None."""
+    if value is None:
+        return "-"
+    if isinstance(value, bool):
+        return "yes" if value else "no"
+    return f"{value:.4g}" if isinstance(value, float) else str(value)
+
+
+def size_text(size: float) -> str:
+    """Bytes in the unit that leaves one to three digits before the point."""
+    for unit in ("B", "KB", "MB"):
+        if size < 1000:
+            return f"{size:.0f} {unit}" if unit == "B" else f"{size:.1f} {unit}"
+        size /= 1000
+    return f"{size:.1f} GB"

@@ -1,4 +1,4 @@
-"""What the service can be told, by flag or by environment variable; checked once, at construction."""
+"""The settings of the service, by flag or environment variable; checked once, at construction."""
 
 from __future__ import annotations
 
@@ -7,18 +7,16 @@ import os
 import secrets
 import shlex
 import sys
-from collections.abc import Mapping
-from dataclasses import dataclass, field
 from pathlib import Path
+from typing import Self
 
 from platformdirs import user_data_path
+from pydantic import Field
 
 from service.api_key import keys_exist
+from service.environment import Section, SettingsError, note_of, setting, variables_of
 from service.files.disk import MINIMUM_BYTES
-from service.limits import Limits, SettingsError
 from simcore.errors import Problem
-
-__all__ = ["Limits", "Settings", "SettingsError", "data_dir", "is_loopback", "url_of"]
 
 DEFAULT_HOST = "127.0.0.1"
 DEFAULT_PORT = 8321
@@ -27,13 +25,13 @@ RUNNER = "service.worker.attempt:run_job"
 
 
 def default_data_dir() -> Path:
-    """Where jobs, results and recordings live when nothing else is said, by the custom of the platform."""
+    """Where jobs, results and recordings are kept unless another folder is named: the platform's data folder."""
     return user_data_path("needlebench", appauthor=False)
 
 
-def data_dir(environ: Mapping[str, str] = os.environ) -> Path:
+def data_dir() -> Path:
     """The data folder by environment variable or default."""
-    named = environ.get("NEEDLEBENCH_DATA")
+    named = os.environ.get("NEEDLEBENCH_DATA")
     return (Path(named) if named else default_data_dir()).expanduser().absolute()
 
 
@@ -53,56 +51,123 @@ def url_of(host: str, port: int) -> str:
     return f"http://[{shown}]:{port}" if ":" in shown else f"http://{shown}:{port}"
 
 
-@dataclass(frozen=True, kw_only=True)
-class Settings:
-    """Everything that the service can be told.
+class Limits(Section):
+    """What is refused, and from where on; all defaults [ours]. 1 MB = 10^6 bytes."""
+
+    body_mb: float = setting(
+        32, "NEEDLEBENCH_MAX_BODY_MB", "MB of a request's body, uploads apart", low=0.001, high=1000
+    )
+    upload_mb: float = setting(64, "NEEDLEBENCH_MAX_UPLOAD_MB", "MB of an uploaded file", low=0.001, high=200)
+    uploads_mb: float = setting(
+        2000, "NEEDLEBENCH_MAX_UPLOADS_MB", "MB of all uploaded files together", low=0.001, high=1e9
+    )
+    queue: int = setting(10_000, "NEEDLEBENCH_MAX_QUEUE", "queued jobs", low=1, high=1_000_000)
+    queue_per_key: int = setting(
+        5_000, "NEEDLEBENCH_MAX_QUEUE_PER_KEY", "queued jobs of one key", low=1, high=1_000_000
+    )
+    rate_per_key: float = setting(
+        100,
+        "NEEDLEBENCH_RATE_PER_KEY",
+        "requests a second of one key, bursts of twice as many; 0 = any",
+        low=0,
+        high=100_000,
+    )
+    nodes: int = setting(60_000, "NEEDLEBENCH_MAX_NODES", "nodes of a tissue mesh", low=8, high=1_000_000)
+    steps: int = setting(200_000, "NEEDLEBENCH_MAX_STEPS", "steps of a job", low=1, high=1_000_000)
+    job_hours: float = setting(
+        24, "NEEDLEBENCH_MAX_JOB_HOURS", "hours that a job may take by estimate", low=0.001, high=1000
+    )
+    job_memory_mb: int = setting(
+        4096,
+        "NEEDLEBENCH_JOB_MEMORY_MB",
+        "MB of memory of a job, by estimate and while it runs",
+        low=700,
+        high=1_000_000,
+    )
+
+    @property
+    def body_bytes(self) -> int:
+        """Of a request, at most."""
+        return round(self.body_mb * 1e6)
+
+    @property
+    def upload_bytes(self) -> int:
+        """Of an uploaded file, at most."""
+        return round(self.upload_mb * 1e6)
+
+
+class Settings(Section):
+    """Every setting of the service.
 
     data: folder of the database, the results and the recordings. port: None = the default one or the next free.
-    minimum_free_bytes: room on the disk below which no job is begun.
-    drain_s: how long running jobs may go on once the service was told to end; then they go back into the queue.
+    minimum_free_mb: room on the disk below which no job is started, units of 2^20 bytes.
+    drain_s: how long running jobs may go on once the service was asked to end; then they go back into the queue.
     keep_days, keep_gb: once a day jobs that ended longer ago go, then the oldest until the rest fits; None = no rule.
     runner: `module:function` that does a job in a worker process; tests replace it.
     """
 
-    data: Path = field(default_factory=default_data_dir)
-    host: str = DEFAULT_HOST
-    port: int | None = None
-    workers: int = MAXIMUM_WORKERS
-    api_key: str | None = field(default=None, repr=False)
-    minimum_free_bytes: int = MINIMUM_BYTES
-    drain_s: float = 0.0
-    keep_days: float | None = None
-    keep_gb: float | None = None
-    limits: Limits = field(default_factory=Limits)
+    data: Path = Field(
+        default_factory=default_data_dir,
+        validation_alias="NEEDLEBENCH_DATA",
+        json_schema_extra={"text": "folder of jobs, results, recordings and uploads; as --data"},
+    )
+    host: str = setting(
+        DEFAULT_HOST,
+        "NEEDLEBENCH_HOST",
+        "address to listen on; as --host",
+        flag="--host",
+        rule="must be an address, as in 127.0.0.1",
+        min_length=1,
+    )
+    port: int | None = setting(
+        None,
+        "NEEDLEBENCH_PORT",
+        "port to listen on; as --port",
+        low=0,
+        high=65535,
+        flag="--port",
+        rule="must be 0 (any free port) to 65535",
+    )
+    workers: int = setting(
+        MAXIMUM_WORKERS,
+        "NEEDLEBENCH_WORKERS",
+        f"jobs at a time, 1 to {MAXIMUM_WORKERS}; default {MAXIMUM_WORKERS}",
+        low=1,
+        high=MAXIMUM_WORKERS,
+    )
+    minimum_free_mb: int = setting(
+        MINIMUM_BYTES // 2**20,
+        "NEEDLEBENCH_MINIMUM_FREE_MB",
+        f"room below which no job is started; default {MINIMUM_BYTES // 2**20}",
+        low=0,
+        high=1e9,
+        rule="must be 0 or more",
+    )
+    keep_days: float | None = setting(
+        None,
+        "NEEDLEBENCH_KEEP_DAYS",
+        "days after which ended jobs are removed; as --keep-days",
+        low=1,
+        high=36_500,
+    )
+    keep_gb: float | None = setting(
+        None,
+        "NEEDLEBENCH_KEEP_GB",
+        "size above which the oldest ended jobs are; as --keep-gb",
+        low=0,
+        high=1_000_000,
+    )
+    api_key: str | None = setting(
+        None,
+        "NEEDLEBENCH_API_KEY",
+        "a key of scope admin, beside those of `needlebench key`",
+        rule="must be printable ASCII characters without spaces",
+        pattern="^[!-~]+$",
+        repr=False,
+    )
+    drain_s: float = Field(0.0, ge=0, le=86400, json_schema_extra={"label": "--drain", "rule": "must be 0 to 86400 s"})
+    limits: Limits = Field(default_factory=Limits)
     runner: str = RUNNER
-
-    def __post_init__(self) -> None:
-        problems = []
-        if not 1 <= self.workers <= MAXIMUM_WORKERS:
-            problems.append(Problem("NEEDLEBENCH_WORKERS", self.workers, f"must be 1 to {MAXIMUM_WORKERS}"))
-        if self.port is not None and not 0 <= self.port <= 65535:
-            problems.append(Problem("--port", self.port, "must be 0 (any free port) to 65535"))
-        if self.minimum_free_bytes < 0:
-            value = self.minimum_free_bytes // 2**20
-            problems.append(Problem("NEEDLEBENCH_MINIMUM_FREE_MB", value, "must be 0 or more"))
-        if not 0 <= self.drain_s <= 86400:
-            problems.append(Problem("--drain", self.drain_s, "must be 0 to 86400 s"))
-        problems.extend(_keep_problem("NEEDLEBENCH_KEEP_DAYS", self.keep_days, least=1, most=36_500))
-        problems.extend(_keep_problem("NEEDLEBENCH_KEEP_GB", self.keep_gb, least=0, most=1e6))
-        if not self.host:
-            problems.append(Problem("--host", self.host, "must be an address, as in 127.0.0.1"))
-        problems.extend(self._key_problems())
-        if problems:
-            raise SettingsError(problems)
-
-    def _key_problems(self) -> list[Problem]:
-        if self.api_key is None:
-            if is_loopback(self.host) or keys_exist(self.database):
-                return []
-            return [Problem("--host", self.host, _refusal(self.host, self.port))]
-        if self.api_key and self.api_key.isascii() and self.api_key.isprintable() and " " not in self.api_key:
-            return []
-        return [Problem("NEEDLEBENCH_API_KEY", "(hidden)", "must be printable ASCII characters without spaces")]
 
     @property
     def loopback(self) -> bool:
@@ -110,7 +175,13 @@ class Settings:
         return is_loopback(self.host)
 
     @property
+    def minimum_free_bytes(self) -> int:
+        """Room on the disk below which no job is started."""
+        return self.minimum_free_mb * 2**20
+
+    @property
     def database(self) -> Path:
+        """The file of the database."""
         return self.data / "needlebench.sqlite"
 
     @property
@@ -133,59 +204,35 @@ class Settings:
         drain_s: float = 0.0,
         keep_days: float | None = None,
         keep_gb: float | None = None,
-        environ: Mapping[str, str] = os.environ,
-    ) -> Settings:
+    ) -> Self:
         """Flags first, then environment variables, then defaults. Raises SettingsError."""
-        return cls(
-            data=data_dir(environ) if data is None else data.expanduser().absolute(),
-            host=host or environ.get("NEEDLEBENCH_HOST") or DEFAULT_HOST,
-            port=port if port is not None else _whole(environ, "NEEDLEBENCH_PORT", None),
-            workers=_whole(environ, "NEEDLEBENCH_WORKERS", MAXIMUM_WORKERS) or 0,
-            api_key=environ.get("NEEDLEBENCH_API_KEY") or None,
-            minimum_free_bytes=(_whole(environ, "NEEDLEBENCH_MINIMUM_FREE_MB", MINIMUM_BYTES // 2**20) or 0) * 2**20,
+        return cls.from_environment(
+            data=data_dir() if data is None else data.expanduser().absolute(),
+            host=host or None,
+            port=port,
             drain_s=drain_s,
-            keep_days=_number(environ, "NEEDLEBENCH_KEEP_DAYS") if keep_days is None else keep_days,
-            keep_gb=_number(environ, "NEEDLEBENCH_KEEP_GB") if keep_gb is None else keep_gb,
-            limits=Limits.load(environ),
+            keep_days=keep_days,
+            keep_gb=keep_gb,
+            limits=Limits.from_environment(),
         )
+
+    def check_exposure(self) -> None:
+        """Raises SettingsError for an address that others can reach as long as there is no key. Reads the database."""
+        if self.api_key is None and not self.loopback and not keys_exist(self.database):
+            raise SettingsError([Problem("--host", self.host, _refusal(self.host, self.port))])
 
 
 def variables_help() -> list[tuple[str, str]]:
-    """The environment variables and what they set; those of limits are in `limits.limits_help`."""
+    """The environment variables and what they set; those of limits are in `limits_help`."""
+    return [(str(info.validation_alias), note_of(info, "text")) for info in variables_of(Settings)]
+
+
+def limits_help() -> list[tuple[str, str]]:
+    """Variable and meaning of each limit, with its default."""
     return [
-        ("NEEDLEBENCH_DATA", "folder of jobs, results, recordings and uploads; as --data"),
-        ("NEEDLEBENCH_HOST", "address to listen on; as --host"),
-        ("NEEDLEBENCH_PORT", "port to listen on; as --port"),
-        ("NEEDLEBENCH_WORKERS", f"jobs at a time, 1 to {MAXIMUM_WORKERS}; default {MAXIMUM_WORKERS}"),
-        ("NEEDLEBENCH_MINIMUM_FREE_MB", f"room below which no job is begun; default {MINIMUM_BYTES // 2**20}"),
-        ("NEEDLEBENCH_KEEP_DAYS", "days after which ended jobs are cleared away; as --keep-days"),
-        ("NEEDLEBENCH_KEEP_GB", "size above which the oldest ended jobs are; as --keep-gb"),
-        ("NEEDLEBENCH_API_KEY", "a key of scope admin, beside those of `needlebench key`"),
+        (str(info.validation_alias), f"{note_of(info, 'text')}; default {info.default:g}")
+        for info in variables_of(Limits)
     ]
-
-
-def _whole(environ: Mapping[str, str], name: str, default: int | None) -> int | None:
-    text = environ.get(name, "").strip()
-    if not text:
-        return default
-    try:
-        return int(text)
-    except ValueError:
-        raise SettingsError([Problem(name, text, "must be a whole number")]) from None
-
-
-def _keep_problem(name: str, value: float | None, *, least: float, most: float) -> list[Problem]:
-    if value is None or least <= value <= most:
-        return []
-    return [Problem(name, value, f"must be {least:g} to {most:.0f}")]
-
-
-def _number(environ: Mapping[str, str], name: str) -> float | None:
-    text = environ.get(name, "").strip()
-    try:
-        return float(text) if text else None
-    except ValueError:
-        raise SettingsError([Problem(name, text, "must be a number")]) from None
 
 
 def _refusal(host: str, port: int | None) -> str:

@@ -50,7 +50,7 @@ import numba.extending  # noqa: E402
 
 def kernel(function: Function) -> Function:
     """Compile on first call, cache on disk, divide like numpy. No fast-math: sums keep their order."""
-    return cast(Function, numba.njit(cache=True, error_model="numpy")(function))
+    return cast("Function", numba.njit(cache=True, error_model="numpy")(function))
 
 
 def resolved_by_type(stub: Callable[..., object]) -> Callable[[Function], Function]:
@@ -60,4 +60,4 @@ def resolved_by_type(stub: Callable[..., object]) -> Callable[[Function], Functi
 
 def inlined(function: Function) -> Function:
     """A kernel that melts into its callers, where a call would stop the vectoriser."""
-    return cast(Function, numba.njit(cache=True, error_model="numpy", inline="always")(function))
+    return cast("Function", numba.njit(cache=True, error_model="numpy", inline="always")(function))

@@ -45,7 +45,7 @@ class Status(StrEnum):
     CHANNEL_LEFT = "channel_left"  # a re-entering tip missed the channel that it had cut
 
 
-class ModelFailure(NeedlebenchError):
+class ModelFailureError(NeedlebenchError):
     """What a controller computes from its model failed numerically; the loop ends the run with this status."""
 
     def __init__(self, status: Status, message: str) -> None:

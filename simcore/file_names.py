@@ -13,13 +13,14 @@ from simcore.errors import NeedlebenchError, Problem, ScenarioError
 Lookup = Callable[[str], Path]
 
 
-class NoSuchFile(NeedlebenchError, LookupError):
+class NoSuchFileError(NeedlebenchError, LookupError):
     """A name that stands for no file here; the message says what is wrong with it."""
 
 
 def nothing(name: str) -> Path:
     """The lookup of a place where scenarios may name no files: refuses every name, and opens nothing."""
-    raise NoSuchFile("names a file on this machine, which is not accepted here: run it with the command line")
+    del name
+    raise NoSuchFileError("names a file on this machine, which is not accepted here: run it with the command line")
 
 
 _lookup: ContextVar[Lookup] = ContextVar("lookup", default=Path)
@@ -27,7 +28,7 @@ _lookup: ContextVar[Lookup] = ContextVar("lookup", default=Path)
 
 @contextmanager
 def names_mean(lookup: Lookup) -> Iterator[None]:
-    """Within, the names of files in scenarios are looked up by `lookup`, which raises NoSuchFile."""
+    """Within, the names of files in scenarios are looked up by `lookup`, which raises NoSuchFileError."""
     token = _lookup.set(lookup)
     try:
         yield
@@ -39,5 +40,5 @@ def located(field: str, name: str) -> Path:
     """The file that the scenario's `field` names. Raises ScenarioError."""
     try:
         return _lookup.get()(name)
-    except NoSuchFile as error:
+    except NoSuchFileError as error:
         raise ScenarioError([Problem(field, name, str(error))]) from None

@@ -8,21 +8,20 @@ from __future__ import annotations
 from collections.abc import Callable
 
 import numpy as np
-from numpy.typing import NDArray
 
-Vector = NDArray[np.float64]
+from simcore.arrays import Floats
 
 BREAKDOWN = 1e-13  # a new direction smaller than this, relative to the vector it came from, is rounding
 
 
 def gmres(
-    times: Callable[[Vector], Vector],
-    right: Vector,
+    times: Callable[[Floats], Floats],
+    right: Floats,
     *,
-    precondition: Callable[[Vector], Vector],
-    allowed: Vector,
+    precondition: Callable[[Floats], Floats],
+    allowed: Floats,
     max_iterations: int,
-) -> tuple[Vector, Vector]:
+) -> tuple[Floats, Floats]:
     """Solutions (k, m) of times(z) = right (k, n), and the norms (k,) of their residuals.
 
     precondition: z (k, m) with times(z) near its argument (k, n); both are linear and act on each row by itself.
@@ -33,7 +32,7 @@ def gmres(
     count = len(right)
     size = np.linalg.norm(right, axis=1)
     basis = [right / np.where(size > 0.0, size, 1.0)[:, None]]
-    answers: list[Vector] = []
+    answers: list[Floats] = []
     hessenberg = np.zeros((count, max_iterations + 1, max_iterations))
     weights, rest = np.zeros((count, 0)), size
     for j in range(max_iterations):
@@ -58,7 +57,7 @@ def gmres(
     return sum((weights[:, i, None] * answer for i, answer in enumerate(answers)), np.zeros_like(answers[0])), rest
 
 
-def _least_squares(hessenberg: Vector, size: Vector) -> tuple[Vector, Vector]:
+def _least_squares(hessenberg: Floats, size: Floats) -> tuple[Floats, Floats]:
     """Weights (k, j) of the basis that minimise each residual, and its norm (k,)."""
     goal = np.zeros(hessenberg.shape[:2])
     goal[:, 0] = size

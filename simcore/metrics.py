@@ -12,10 +12,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from simcore.arrays import Floats
 from simcore.errors import Status
 from simcore.trajectory import Path
 
-Vector = NDArray[np.float64]
 Series = Mapping[str, NDArray[Any]]
 
 LOST_ERROR_MM = 2.0
@@ -38,25 +38,25 @@ MEASURED = (
 )
 
 
-def root_mean_square(values: Vector) -> float:
+def root_mean_square(values: Floats) -> float:
     """sqrt(mean(v^2))."""
     return float(np.sqrt(np.mean(np.square(values))))
 
 
-def paper_errors_mm(series: Series) -> Vector:
+def paper_errors_mm(series: Series) -> Floats:
     """|e_i| (Np,) mm with e_i = n_tip(t_i+1) - n_traj(t_i), i = 0 ... Np - 1 [paper]: each step against the target that
     was used for the command executed in it."""
-    errors: Vector = 1e3 * np.linalg.norm(series["tip_m"][1:] - series["target_m"][:-1], axis=1)
+    errors: Floats = 1e3 * np.linalg.norm(series["tip_m"][1:] - series["target_m"][:-1], axis=1)
     return errors
 
 
-def same_index_errors_mm(series: Series) -> Vector:
+def same_index_errors_mm(series: Series) -> Floats:
     """|n_tip(t_i) - n_traj(t_i)| (Np,) mm, i = 1 ... Np: contains the lag of one step."""
-    errors: Vector = 1e3 * np.linalg.norm(series["tip_m"][1:] - series["target_m"][1:], axis=1)
+    errors: Floats = 1e3 * np.linalg.norm(series["tip_m"][1:] - series["target_m"][1:], axis=1)
     return errors
 
 
-def longest_loss_s(errors_mm: Vector, dt_s: float) -> float:
+def longest_loss_s(errors_mm: Floats, dt_s: float) -> float:
     """Longest unbroken time with an error above 2 mm."""
     longest = run = 0
     for lost in errors_mm > LOST_ERROR_MM:
@@ -74,7 +74,7 @@ def lambda_ratio(series: Series) -> float | None:
 
 
 def metrics(
-    status: Status, series: Series, path: Path, *, dt_s: float, steps: int, cross_track_m: Vector | None = None
+    status: Status, series: Series, path: Path, *, dt_s: float, steps: int, cross_track_m: Floats | None = None
 ) -> dict[str, Any]:
     """The metrics block of a result; every measure is None if not one step was completed.
 

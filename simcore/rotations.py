@@ -8,23 +8,21 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numpy.typing import NDArray
 
+from simcore.arrays import Floats
 from simcore.compiled import kernel
-
-Vector = NDArray[np.float64]
 
 _SERIES_BELOW = 0.25  # squared angle; above it the closed forms keep 12 digits and more
 
 
 @kernel
-def skew(w: Vector) -> Vector:
+def skew(w: Floats) -> Floats:
     """(3, 3) matrix W of the vector w (3,) with W v = w x v."""
     return np.array([[0.0, -w[2], w[1]], [w[2], 0.0, -w[0]], [-w[1], w[0], 0.0]])
 
 
 @kernel
-def compose(a: Vector, b: Vector) -> Vector:
+def compose(a: Floats, b: Floats) -> Floats:
     """Product a b of two (3, 3) matrices."""
     out = np.empty((3, 3))
     for i in range(3):
@@ -34,7 +32,7 @@ def compose(a: Vector, b: Vector) -> Vector:
 
 
 @kernel
-def exp_map(w: Vector) -> Vector:
+def exp_map(w: Floats) -> Floats:
     """Rotation (3, 3) by the vector w (3,) rad: I + sin(t)/t W + (1 - cos t)/t^2 W^2 (Rodrigues)."""
     angle2 = w[0] * w[0] + w[1] * w[1] + w[2] * w[2]
     if angle2 < 1e-8:
@@ -56,7 +54,7 @@ def exp_map(w: Vector) -> Vector:
 
 
 @kernel
-def log_map(R: Vector) -> Vector:
+def log_map(R: Floats) -> Floats:
     """Rotation vector (3,) rad, of length 0 to pi, of the rotation R (3, 3).
 
     Through the quaternion, which is well conditioned at every angle; the trace alone is not near 0 and pi.
@@ -69,7 +67,7 @@ def log_map(R: Vector) -> Vector:
 
 @kernel
 def jacobian_coefficients(angle2: float) -> tuple[float, float]:
-    """eta = (1 - (t/2) cot(t/2)) / t^2 and mu = (d eta / dt) / t at the squared angle t^2 < (2 pi)^2.
+    """Coefficients eta = (1 - (t/2) cot(t/2)) / t^2 and mu = (d eta / dt) / t at the squared angle t^2 < (2 pi)^2.
 
     Battini & Pacoste 2002; series coefficients |B_2k| / (2k)! of the Bernoulli numbers.
     """
@@ -88,7 +86,7 @@ def jacobian_coefficients(angle2: float) -> tuple[float, float]:
 
 
 @kernel
-def inverse_left_jacobian(theta: Vector) -> Vector:
+def inverse_left_jacobian(theta: Floats) -> Floats:
     """T_s^-1 (3, 3) at the rotation vector theta (3,): d log(exp(dw) exp(theta)) = T_s^-1 dw.
 
     I - Theta/2 + eta Theta^2 (Battini & Pacoste 2002).
@@ -105,7 +103,7 @@ def inverse_left_jacobian(theta: Vector) -> Vector:
 
 
 @kernel
-def project_rotation(R: Vector) -> Vector:
+def project_rotation(R: Floats) -> Floats:
     """The (3, 3) matrix R, orthonormal but for rounding, pulled back to the rotations: R (3 I - R^T R) / 2.
 
     One Newton step towards the polar factor (Higham 1986): an error e becomes one of order e^2.
@@ -119,7 +117,7 @@ def project_rotation(R: Vector) -> Vector:
 
 
 @kernel
-def matrix_from_quaternion(q: Vector) -> Vector:
+def matrix_from_quaternion(q: Floats) -> Floats:
     """Rotation (3, 3) of the quaternion q (4,) = w, x, y, z; q is normalised first."""
     w, x, y, z = q / math.sqrt(q[0] * q[0] + q[1] * q[1] + q[2] * q[2] + q[3] * q[3])
     return np.array(
@@ -132,7 +130,7 @@ def matrix_from_quaternion(q: Vector) -> Vector:
 
 
 @kernel
-def quaternion_from_matrix(R: Vector) -> Vector:
+def quaternion_from_matrix(R: Floats) -> Floats:
     """Unit quaternion (4,) = w, x, y, z with w >= 0 of the rotation R (3, 3).
 
     Divides by the largest component (Shepperd 1978), so that it is accurate at every angle.

@@ -11,9 +11,8 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import NDArray
 
-Vector = NDArray[np.float64]
+from simcore.arrays import Floats
 
 _PANELS = 512
 _NARROWINGS = 40  # of the bracket around the nearest point: (2/3)^40 of a millimetre is below a nanometre
@@ -27,14 +26,14 @@ class Path:
     entry_m, end_m: (3,) m, rest space. direction: (3,), any length, made perpendicular to the chord.
     """
 
-    entry_m: Vector
-    end_m: Vector
+    entry_m: Floats
+    end_m: Floats
     amplitude_m: float = 0.0
     periods: float = 1.0
-    direction: Vector | None = None
+    direction: Floats | None = None
 
     @cached_property
-    def overlay(self) -> Vector:
+    def overlay(self) -> Floats:
         """(3,) unit vector of the overlay, perpendicular to the chord; zero for a straight path."""
         if self.amplitude_m == 0.0 or self.direction is None:
             return np.zeros(3)
@@ -43,28 +42,30 @@ class Path:
         return across / np.linalg.norm(across)
 
     @property
-    def chord(self) -> Vector:
+    def chord(self) -> Floats:
+        """(3,) m from the entry to the end."""
         return self.end_m - self.entry_m
 
     @property
     def is_straight(self) -> bool:
+        """Whether it has no overlay."""
         return self.amplitude_m == 0.0
 
-    def curve(self, u: Vector) -> Vector:
+    def curve(self, u: Floats) -> Floats:
         """Points (n, 3) m at the parameters u (n,) in [0, 1]."""
         u = np.atleast_1d(np.asarray(u, dtype=float))
         wave = self.amplitude_m * np.sin(2 * np.pi * self.periods * u)
         return self.entry_m + u[:, None] * self.chord + wave[:, None] * self.overlay
 
-    def derivative(self, u: Vector) -> Vector:
-        """d curve / du (n, 3) m at the parameters u (n,)."""
+    def derivative(self, u: Floats) -> Floats:
+        """Derivatives d curve / du (n, 3) m at the parameters u (n,)."""
         u = np.atleast_1d(np.asarray(u, dtype=float))
         k = 2 * np.pi * self.periods
         slope = self.amplitude_m * k * np.cos(k * u)
         return self.chord + slope[:, None] * self.overlay
 
     @cached_property
-    def _table(self) -> tuple[Vector, Vector]:
+    def _table(self) -> tuple[Floats, Floats]:
         """Panel ends u (p + 1,) and the arc length up to each, by Gauss-Legendre quadrature."""
         u = np.linspace(0.0, 1.0, _PANELS + 1)
         half = 0.5 / _PANELS
@@ -80,8 +81,8 @@ class Path:
             return float(np.linalg.norm(self.chord))
         return float(self._table[1][-1])
 
-    def parameter(self, s_m: Vector) -> Vector:
-        """u (n,) at the arc lengths s_m (n,), clipped to the path."""
+    def parameter(self, s_m: Floats) -> Floats:
+        """Parameters u (n,) at the arc lengths s_m (n,), clipped to the path."""
         s_m = np.clip(np.atleast_1d(np.asarray(s_m, dtype=float)), 0.0, self.length_m)
         if self.is_straight:
             return s_m / self.length_m
@@ -96,17 +97,17 @@ class Path:
             guess = np.clip(guess - excess / np.linalg.norm(self.derivative(guess), axis=1), 0.0, 1.0)
         return guess
 
-    def point(self, s_m: Vector) -> Vector:
+    def point(self, s_m: Floats) -> Floats:
         """Points (n, 3) m at the arc lengths s_m (n,) m; beyond the end, the end."""
         return self.curve(self.parameter(s_m))
 
-    def first_tangent(self) -> Vector:
+    def first_tangent(self) -> Floats:
         """(3,) unit tangent at the entry: the direction in which the needle waits."""
-        tangent: Vector = self.derivative(np.zeros(1))[0]
+        tangent: Floats = self.derivative(np.zeros(1))[0]
         tangent /= np.linalg.norm(tangent)
         return tangent
 
-    def distance_m(self, points: Vector) -> Vector:
+    def distance_m(self, points: Floats) -> Floats:
         """Cross-track distance (n,) m of points (n, 3) from the path: the nearest of dense samples, then a ternary
         search between its neighbours, which holds beyond the centre of curvature too."""
         points = np.atleast_2d(points)
@@ -120,13 +121,13 @@ class Path:
             low, high = np.where(nearer, low, low + third), np.where(nearer, high - third, high)
         return self._gaps(0.5 * (low + high), points)
 
-    def _gaps(self, u: Vector, points: Vector) -> Vector:
+    def _gaps(self, u: Floats, points: Floats) -> Floats:
         """Distances (n,) m between the path at u (n,) and points (n, 3)."""
-        gaps: Vector = np.linalg.norm(self.curve(u) - points, axis=1)
+        gaps: Floats = np.linalg.norm(self.curve(u) - points, axis=1)
         return gaps
 
 
-def polyline_distance_m(point: Vector, line: Vector) -> float:
+def polyline_distance_m(point: Floats, line: Floats) -> float:
     """Distance, m, of a point (3,) m from the polyline through line (k, 3) m, k at least 2."""
     start, along = line[:-1], np.diff(line, axis=0)
     length = np.maximum(np.sum(along**2, axis=1), np.finfo(float).tiny)
@@ -141,12 +142,12 @@ def step_count(path_length_m: float, speed_m_s: float, dt_s: float) -> int:
     return max(1, math.ceil(steps - 1e-9 * max(1.0, steps)))
 
 
-def targets(path: Path, *, speed_m_s: float, dt_s: float, steps: int) -> Vector:
+def targets(path: Path, *, speed_m_s: float, dt_s: float, steps: int) -> Floats:
     """n_traj(t_i), (steps + 1, 3) m: row 0 the entry, row i at arc length speed * i * dt, clipped to the end."""
     return path.point(speed_m_s * dt_s * np.arange(steps + 1, dtype=np.float64))
 
 
-def held_noise(rng: np.random.Generator, *, amplitude_m: float, hold_s: float, dt_s: float, steps: int) -> Vector:
+def held_noise(rng: np.random.Generator, *, amplitude_m: float, hold_s: float, dt_s: float, steps: int) -> Floats:
     """Uniform noise (steps + 1, 3) m in +-amplitude per axis, redrawn every `hold_s` and held between.
 
     Redrawing by time and not by step makes the noise mean the same at every dt.
@@ -155,5 +156,5 @@ def held_noise(rng: np.random.Generator, *, amplitude_m: float, hold_s: float, d
         return np.zeros((steps + 1, 3))
     window = np.floor(np.arange(steps + 1) * (dt_s / hold_s) + 1e-9).astype(int)
     draws = rng.uniform(-amplitude_m, amplitude_m, (int(window[-1]) + 1, 3))
-    held: Vector = draws[window]
+    held: Floats = draws[window]
     return held

@@ -39,11 +39,13 @@ NEAREST = {  # module -> tests that stand beside it
     "benchmarks/paper/statistics.py": "tests/benchmarks/paper/test_statistics.py",
     "benchmarks/paper/comparison.py": "tests/benchmarks/paper",
     "service/store/jobs.py": "tests/service/store",
+    "service/store/transitions.py": "tests/service/store",
     "service/store/schedule.py": "tests/service/api/test_schedules.py",
     "service/engine/retention.py": "tests/service/engine",
+    "service/engine/attempt_watch.py": "tests/service/engine/test_attempt_watch.py",
     "service/admission/cost.py": "tests/service/admission",
     "service/api/middleware/rate_limit.py": "tests/service/store/test_keys.py tests/service/api",
-    "service/recording/entities.py": "tests/service/recording",
+    "service/recording/plots.py": "tests/service/recording",
 }
 
 

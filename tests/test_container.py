@@ -234,13 +234,14 @@ def test_compose_takes_the_key_from_a_file_that_is_kept_nowhere(composed: dict[s
     assert ignored.returncode in (0, 128), "add it to .gitignore"
 
 
-def test_compose_sets_what_the_service_reads(composed: dict[str, Any]) -> None:
-    from service.limits import limits_help
-    from service.settings import Settings, variables_help
+def test_compose_sets_what_the_service_reads(composed: dict[str, Any], monkeypatch: pytest.MonkeyPatch) -> None:
+    from service.settings import Settings, limits_help, variables_help
 
     (service,) = composed["services"].values()
     known = {name for name, _ in [*variables_help(), *limits_help()]}
     assert service["environment"].keys() <= known
-    settings = Settings.load(environ=service["environment"])
+    for name, value in service["environment"].items():
+        monkeypatch.setenv(name, str(value))
+    settings = Settings.load()
     jobs_mb = settings.workers * settings.limits.job_memory_mb
     assert jobs_mb + 700 < 4096, "two full jobs and the server stay below the limit of the container"

@@ -1,1 +1,1 @@
-"""Parameter grids: the suite, its report and its page."""
+"""Parameter grids: the suite, its report and its page, built on the statistics, tables and page of `paper`."""

@@ -7,7 +7,7 @@ from collections.abc import Iterable
 from typing import Any
 
 from benchmarks.paper.figures import COLOUR_OF, box_mark, pictures
-from benchmarks.paper.page import rendered
+from benchmarks.paper.page import render
 from benchmarks.paper.table import REFERENCES, arm_name
 from benchmarks.svg_plot import Line, Panel
 
@@ -17,7 +17,7 @@ WIDE = 30.0  # ratio of the largest to the smallest value from which an axis is 
 
 def html(report: Json) -> str:
     """The page. report: what `grid_report.document` returns, or its JSON read back."""
-    return rendered(
+    return render(
         "grid.html.j2",
         report=report,
         varied=[field for field in report["fields"] if not field["repeats"]],

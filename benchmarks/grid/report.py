@@ -14,8 +14,8 @@ from benchmarks.grid.suite import label
 from benchmarks.paper import statistics
 from benchmarks.paper.analysis import score, scores
 from benchmarks.paper.comparison import as_json, compare
-from benchmarks.paper.failure_places import chosen
-from benchmarks.paper.report import chosen_insertions, failure, rules
+from benchmarks.paper.failure_places import notable_cases
+from benchmarks.paper.report import failure, notable_insertions, rules
 from benchmarks.paper.table import Row, arms, only, rows
 from benchmarks.paper.timing import costs, part_ms
 
@@ -45,7 +45,7 @@ def document(
     table = rows(outcomes)
     failed = [row for row in table if row.failed]
     points = _points(table, known)
-    telling = {case_id for case_id, _ in chosen(table)}
+    telling = {case_id for case_id, _ in notable_cases(table)}
     content = {
         "schema": SCHEMA,
         "name": name,
@@ -58,7 +58,7 @@ def document(
         "effects": [effect for path in known if (effect := _effect(table, path, known))],
         "failures": [{**failure(row), "link": (links or {}).get(row.id)} for row in failed[:LISTED_FAILURES]],
         "timing": {"costs": costs(table)},
-        "chosen": chosen_insertions(table, {one: where for one, where in (links or {}).items() if one in telling}),
+        "chosen": notable_insertions(table, {one: where for one, where in (links or {}).items() if one in telling}),
     }
     result: Json = as_json(content)
     return result
@@ -90,25 +90,25 @@ def _point(place: Mapping[str, Label], mine: Sequence[Row]) -> Json:
 
 def _effect(table: Sequence[Row], path: str, axes: Axes) -> Json | None:
     """What a field does: scores at each of its values, and the values compared at points that are else the same."""
-    moved = [_placed(row, path, axes) for row in table if path in row.labels]
+    moved = [_at_place(row, path, axes) for row in table if path in row.labels]
     present = [value for value in map(str, axes[path]) if any(row.group == value for row in moved)]
     if path == REPEATS or len(present) < 2:
         return None
-    found = []
+    scores_by_value = []
     for value in present:
         members = only(moved, group=value)
         open_loop = [] if path == CONTROLLER else only(members, arm="open_loop")
-        found += [score(only(members, arm=arm), open_loop, group=value) for arm in arms(members)]
+        scores_by_value += [score(only(members, arm=arm), open_loop, group=value) for arm in arms(members)]
     return {
         "field": path,
         "values": present,
         "numeric": all(isinstance(value, int | float) for value in axes[path]),
-        "scores": found,
+        "scores": scores_by_value,
         "contrasts": [c for first, second in _couples(present) for c in _contrasts(moved, first, second, path)],
     }
 
 
-def _placed(row: Row, path: str, axes: Axes) -> Row:
+def _at_place(row: Row, path: str, axes: Axes) -> Row:
     """The row in the group of its value, to be paired with that of another value at the same place."""
     rest = {other: row.labels.get(other) for other in axes if other not in (path, REPEATS)}
     seed = str(row.labels.get(REPEATS, ""))
@@ -125,9 +125,9 @@ def _contrasts(moved: Sequence[Row], first: str, second: str, path: str) -> list
     """Two values of a field for each controller; two controllers over everything."""
     members = [[replace(row, group="") for row in only(moved, group=value)] for value in (first, second)]
     names = [""] if path == CONTROLLER else [arm for arm in arms(members[0]) if arm in arms(members[1])]
-    found = []
+    comparisons = []
     for arm in names:
         one, other = (only(rows, arm=arm) if arm else rows for rows in members)
         if compared := compare(one, other, group=arm, names=(first, second)):
-            found.append(as_json(compared))
-    return found
+            comparisons.append(as_json(compared))
+    return comparisons

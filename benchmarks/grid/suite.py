@@ -39,7 +39,7 @@ def _faults(axes: Mapping[str, Sequence[Any]]) -> list[Problem]:
     for path, values in axes.items():
         seen = [json.dumps(value, sort_keys=True) for value in values]
         if doubled := sorted({text for text in seen if seen.count(text) > 1}):
-            problems.append(Problem(f"grid.{path}", doubled[0], "stands twice: each value once"))
+            problems.append(Problem(f"grid.{path}", doubled[0], "is given twice: give each value once"))
     count = math.prod(len(values) for values in axes.values())
     if count > MAXIMUM_CASES:
         problems.append(Problem("grid", count, f"gives too many insertions, at most {MAXIMUM_CASES} are allowed"))

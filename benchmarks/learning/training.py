@@ -36,7 +36,7 @@ def split_of(data: Dataset, name: str) -> Split:
     return split
 
 
-def trained(
+def train_model(
     data: Dataset, regressor: Regressor, *, split: str, samples: int | None = None, data_sha256: str | None = None
 ) -> Training:
     """Fit on the training side of the split, on its `samples` first rows of a draw by the data set's seed if fewer.

@@ -42,7 +42,7 @@ def grid_mm() -> Vector:
     return np.array([(a, b, DEPTH_MM) for a in x for b in y])
 
 
-def cases(*, insertions: int, seed: int, changes: dict[str, Any] | None = None) -> tuple[Case, ...]:
+def training_insertions(*, insertions: int, seed: int, changes: dict[str, Any] | None = None) -> tuple[Case, ...]:
     """The insertions to `insertions` grid points, spread over the grid; each has a seed of its own for its noise.
 
     changes: fields of the scenario that differ from its defaults. Raises DatasetError for a number that cannot be.
@@ -71,8 +71,8 @@ def _case(number: int, end_mm: Vector, seed: int, changes: dict[str, Any]) -> Ca
     return Case(f"DATA-{number:03d}", scenario.resolved(), {**labels})
 
 
-def dataset(chosen: Sequence[Case], run: RunInsertions, *, samples: int, seed: int) -> Dataset:
-    """Run the insertions and gather their steps, in the order of the cases, whoever is finished first.
+def collect_dataset(chosen: Sequence[Case], run: RunInsertions, *, samples: int, seed: int) -> Dataset:
+    """Run the insertions and gather their steps, in the order of the cases, whichever is finished first.
 
     An insertion that ended in a named failure gives the steps before it. Raises DatasetError without any step.
     """

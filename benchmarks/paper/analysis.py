@@ -9,9 +9,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from benchmarks.paper import statistics
-from benchmarks.paper.comparison import Comparison, compare, paired
+from benchmarks.paper.comparison import Comparison, compare, pair_rows
 from benchmarks.paper.statistics import FLOOR_MM, Interval, bootstrap_median, wilson
-from benchmarks.paper.table import REFERENCES, Row, arms, grouped, main_rows, only
+from benchmarks.paper.table import REFERENCES, Row, arms, by_group, main_rows, only
 
 CLOSE_MM = 1.0  # an insertion whose error never exceeds it
 RATIO_TARGET = 0.4  # of the open-loop RMSE on curved paths [ours]
@@ -80,8 +80,8 @@ PRIMARY = Condition("constant", "off")
 
 def conditions(table: Sequence[Row]) -> list[Condition]:
     """Conditions that occur, the primary one first."""
-    found = {Condition(row.young, row.noise) for row in table}
-    return sorted(found, key=lambda c: (c.young != PRIMARY.young, c.noise != PRIMARY.noise, c.young, c.noise))
+    present = {Condition(row.young, row.noise) for row in table}
+    return sorted(present, key=lambda c: (c.young != PRIMARY.young, c.noise != PRIMARY.noise, c.young, c.noise))
 
 
 def under(table: Sequence[Row], condition: Condition) -> list[Row]:
@@ -95,16 +95,16 @@ def under(table: Sequence[Row], condition: Condition) -> list[Row]:
 def scores(table: Sequence[Row]) -> list[Score]:
     """Condition by condition, group by group, controller by controller. Of several groups together (`ALL`) only the
     controllers that ran in all of them have a score."""
-    found = []
+    result = []
     main = main_rows(table)
     for condition in conditions(main):
-        for group, members in grouped(under(main, condition)).items():
+        for group, members in by_group(under(main, condition)).items():
             wanted = {row.group for row in members}
             for arm in arms(members):
                 mine = only(members, arm=arm)
                 if {row.group for row in mine} == wanted:
-                    found.append(score(mine, only(members, arm="open_loop"), group=group))
-    return found
+                    result.append(score(mine, only(members, arm="open_loop"), group=group))
+    return result
 
 
 def score(mine: Sequence[Row], open_loop: Sequence[Row], *, group: str) -> Score:
@@ -114,7 +114,7 @@ def score(mine: Sequence[Row], open_loop: Sequence[Row], *, group: str) -> Score
     clusters = [row.end_point for row in mine]
     count, stable, success = len(mine), sum(row.stable for row in mine), sum(row.success for row in mine)
     close = int((worst <= CLOSE_MM).sum())
-    matched = paired(mine, open_loop)
+    matched = pair_rows(mine, open_loop)
     ratio = statistics.ratios(matched.first, matched.second)
     aimed = group == "CUR" and mine[0].arm in STEERED and len(ratio) > 0
     limited = [
@@ -176,7 +176,7 @@ def box(errors: statistics.Vector) -> Box | None:
     return Box(q1, median, q3, low, high, tuple(float(v) for v in beyond))
 
 
-def floored(members: Sequence[Row]) -> bool | None:
+def at_floor(members: Sequence[Row]) -> bool | None:
     """Whether every controller without feedback scores below the floor; None if none of them ran."""
     medians = [statistics.middle([row.rmse_mm for row in only(members, arm=arm)]) for arm in REFERENCES]
     known = [median for median in medians if not math.isnan(median)]
@@ -198,32 +198,32 @@ class Contrast:
 
 def controller_contrasts(table: Sequence[Row]) -> list[Contrast]:
     """I-FEM against ELM in every group and condition, then each of the two against every other controller."""
-    found = []
+    contrasts = []
     main = main_rows(table)
     for condition in conditions(main):
-        for group, members in grouped(under(main, condition)).items():
-            floor = floored(members)
+        for group, members in by_group(under(main, condition)).items():
+            floor = at_floor(members)
             for first, second in _couples(arms(members)):
                 names = (first, second)
                 compared = compare(
                     only(members, arm=first), only(members, arm=second), group=group, names=names, floor=floor
                 )
                 if compared:
-                    found.append(Contrast(condition.young, condition.noise, "arm", compared))
-    return found
+                    contrasts.append(Contrast(condition.young, condition.noise, "arm", compared))
+    return contrasts
 
 
 def direction_contrasts(table: Sequence[Row]) -> list[Contrast]:
     """I-FEM against ELM along the curved paths of one direction at a time, which `varied` names: the four to an end
     point differ in how close to a held face they lead. Under the primary condition; nothing of a single direction."""
     curved = [row for row in under(main_rows(table), PRIMARY) if row.direction and row.arm in STEERED]
-    found = []
+    contrasts = []
     for direction in sorted({row.direction for row in curved}):
         mine = only(curved, direction=direction)
         first, second = (only(mine, arm=arm) for arm in STEERED)
         if compared := compare(first, second, group=mine[0].group, names=STEERED):
-            found.append(Contrast(PRIMARY.young, PRIMARY.noise, direction, compared))
-    return found if len(found) > 1 else []
+            contrasts.append(Contrast(PRIMARY.young, PRIMARY.noise, direction, compared))
+    return contrasts if len(contrasts) > 1 else []
 
 
 def _couples(present: Sequence[str]) -> list[tuple[str, str]]:
@@ -235,17 +235,17 @@ def _couples(present: Sequence[str]) -> list[tuple[str, str]]:
 
 def young_contrasts(table: Sequence[Row]) -> list[Contrast]:
     """Constant against variable Young's modulus, the same paths, for every controller that saw both."""
-    found = []
+    contrasts = []
     main = only(main_rows(table), noise=PRIMARY.noise)
     for arm in arms(main):
         mine = only(main, arm=arm)
         fixed, changing = only(mine, young="constant"), only(mine, young="variable")
         shared = {row.pair for row in fixed} & {row.pair for row in changing}
-        for group, members in grouped([row for row in mine if row.pair in shared]).items():
+        for group, members in by_group([row for row in mine if row.pair in shared]).items():
             names = ("constant", "variable")
             compared = compare(
                 only(members, young="constant"), only(members, young="variable"), group=group, names=names
             )
             if compared:
-                found.append(Contrast("constant / variable", PRIMARY.noise, arm, compared))
-    return found
+                contrasts.append(Contrast("constant / variable", PRIMARY.noise, arm, compared))
+    return contrasts

@@ -15,7 +15,7 @@ from benchmarks.paper.table import Row
 
 
 @dataclass(frozen=True)
-class Paired:
+class Pairs:
     """Errors of the same paths under two conditions, (n,) each, and the end point of each path."""
 
     first: Vector
@@ -57,11 +57,11 @@ class Comparison:
     floor: bool | None
 
 
-def paired(first: Sequence[Row], second: Sequence[Row], metric: str = "rmse_mm") -> Paired:
+def pair_rows(first: Sequence[Row], second: Sequence[Row], metric: str = "rmse_mm") -> Pairs:
     """Match rows by group, end point and direction; repeats of a path count as their median."""
     one, other = _by_path(first, metric), _by_path(second, metric)
     shared = sorted(one.keys() & other.keys())
-    return Paired(
+    return Pairs(
         np.array([one[key] for key in shared], float),
         np.array([other[key] for key in shared], float),
         tuple(end_point for _, end_point, _ in shared),
@@ -70,17 +70,17 @@ def paired(first: Sequence[Row], second: Sequence[Row], metric: str = "rmse_mm")
 
 
 def _by_path(rows: Sequence[Row], metric: str) -> dict[tuple[str, str, str], float]:
-    found: dict[tuple[str, str, str], list[float]] = {}
+    errors: dict[tuple[str, str, str], list[float]] = {}
     for row in rows:
-        found.setdefault(row.pair, []).append(row.ranked(metric))
-    return {key: statistics.middle(values) for key, values in found.items()}
+        errors.setdefault(row.pair, []).append(row.ranked(metric))
+    return {key: statistics.middle(values) for key, values in errors.items()}
 
 
 def compare(
     first: Sequence[Row], second: Sequence[Row], *, group: str, names: tuple[str, str], floor: bool | None = None
 ) -> Comparison | None:
-    """All tests of the paper's RMSE; None if there is not one pair."""
-    matched = paired(first, second)
+    """All tests of the paper's RMSE; None without a pair."""
+    matched = pair_rows(first, second)
     if not matched.clusters:
         return None
     change = statistics.differences(matched.first, matched.second)

@@ -34,11 +34,11 @@ def spots(table: Sequence[Row]) -> list[Spot]:
     members: dict[tuple[str, str, str, str], list[Row]] = {}
     for row in main_rows(table):
         members.setdefault((row.arm, row.young, row.noise, row.end_point), []).append(row)
-    found = []
+    result = []
     for (arm, young, noise, end_point), mine in members.items():
         x, y = mine[0].end_mm
         worst = [row.ranked("max_error_mm") for row in mine]
-        found.append(
+        result.append(
             Spot(
                 *(arm, young, noise, end_point, x, y, border_mm(mine[0]), len(mine)),
                 failed=sum(row.failed for row in mine),
@@ -47,11 +47,11 @@ def spots(table: Sequence[Row]) -> list[Spot]:
                 worst_mm=max(worst),
             )
         )
-    return sorted(found, key=lambda spot: (spot.arm, spot.young, spot.noise, spot.end_point))
+    return sorted(result, key=lambda spot: (spot.arm, spot.young, spot.noise, spot.end_point))
 
 
 def face_mm(table: Sequence[Row]) -> tuple[float, float] | None:
-    """Width and height of the block's far face; None if the tissue is no block or there are several."""
+    """Width and height of the block's far face; None if the tissue is not a block or there are several."""
     sizes = set()
     for row in table:
         tissue = row.scenario.get("tissue", {})
@@ -62,7 +62,7 @@ def face_mm(table: Sequence[Row]) -> tuple[float, float] | None:
 
 
 def border_mm(row: Row) -> float:
-    """From the end point to the nearest side face; nan where the tissue is no block."""
+    """From the end point to the nearest side face; nan where the tissue is not a block."""
     face = face_mm([row])
     if face is None:
         return math.nan
@@ -70,10 +70,10 @@ def border_mm(row: Row) -> float:
     return min(x, face[0] - x, y, face[1] - y)
 
 
-def chosen(table: Sequence[Row], *, failed: int = 5) -> list[tuple[str, str]]:
+def notable_cases(table: Sequence[Row], *, failed: int = 5) -> list[tuple[str, str]]:
     """(id, why) of the cases worth a recording: best, median and worst stable insertion of each controller in each
     group under each condition, and the first that failed or lost their target; no id twice."""
-    found: dict[str, str] = {}
+    reasons: dict[str, str] = {}
     main = main_rows(table)
     for condition in conditions(main):
         for group in groups(under(main, condition)):
@@ -83,12 +83,12 @@ def chosen(table: Sequence[Row], *, failed: int = 5) -> list[tuple[str, str]]:
                 good = [row for row in ranked if row.stable]
                 picks = [("best", 0), ("median", len(good) // 2), ("worst", len(good) - 1)] if good else []
                 for why, place in picks:
-                    found.setdefault(good[place].id, why)
+                    reasons.setdefault(good[place].id, why)
                 for row in [row for row in ranked if not row.success][:failed]:
-                    found.setdefault(row.id, unsuccessful(row))
-    return list(found.items())
+                    reasons.setdefault(row.id, outcome_word(row))
+    return list(reasons.items())
 
 
-def unsuccessful(row: Row) -> str:
+def outcome_word(row: Row) -> str:
     """In a word: the run ended early, or the tip was off the target for too long; empty for a success."""
     return "failed" if row.failed else "" if row.success else "lost"

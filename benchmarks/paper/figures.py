@@ -1,4 +1,4 @@
-"""The report's pictures, drawn from its JSON: what there is no data for is not drawn."""
+"""The report's pictures, drawn from its JSON; without data for one, it is left out."""
 
 from __future__ import annotations
 
@@ -203,12 +203,12 @@ def _bar(cost: Json, axis: Axis, left: int, top: int) -> list[str]:
 def seed_panels(report: Json) -> list[Panel]:
     """One box a group of the medians of the ELM seeds."""
     scores = [s for s in report["seeds"]["scores"] if s["median_mm"] is not None]
-    found = in_order({s["group"] for s in scores}, (*GROUPS, ALL))
+    groups = in_order({s["group"] for s in scores}, (*GROUPS, ALL))
     boxes = []
-    for i, group in enumerate(found):
+    for i, group in enumerate(groups):
         values = [s["median_mm"] for s in scores if s["group"] == group]
         boxes.append(box_mark(i, report["seeds"]["boxes"][group], COLOUR_OF["elm"], values))
-    names = tuple(found)
+    names = tuple(groups)
     return (
         [Panel("ELM seeds", "", "median RMSE, mm", (), y_zero=True, x_names=names, boxes=tuple(boxes))] if boxes else []
     )
@@ -236,13 +236,13 @@ def learning_panels(report: Json) -> list[Panel]:
 def sensitivity_dots(report: Json) -> list[str]:
     """A picture for each group: a row for each setting with the medians of I-FEM, ELM and open loop."""
     rows = report["sensitivity"]
-    found = []
+    pictures = []
     for i, group in enumerate(in_order({row["group"] for row in rows}, (*GROUPS, ALL))):
         mine = [row for row in rows if row["group"] == group]
         values = [row[name] for row in mine for name in ("ifem_mm", "elm_mm", "open_loop_mm") if row[name]]
         if values:
-            found.append(_dots(mine, values, group, f"v{i}"))
-    return found
+            pictures.append(_dots(mine, values, group, f"v{i}"))
+    return pictures
 
 
 def _dots(rows: list[Json], values: list[float], group: str, name: str) -> str:

@@ -7,8 +7,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from benchmarks.learning.training import SPLITS, trained
-from benchmarks.paper import learning_studies as studies
+from benchmarks.learning.training import SPLITS, train_model
+from benchmarks.paper.learning_studies import LearningPoint
 from simcore.learning import ExtremeLearningMachine
 from simcore.rollout.dataset import Dataset
 
@@ -16,7 +16,7 @@ CURVE_SEEDS = 5
 
 
 @dataclass(frozen=True)
-class LearningPoint:
+class ElmTraining:
     """One trained ELM. Errors: root mean square of |Delta P - prediction|, mm."""
 
     curve: str  # "nodes", "samples" or "seeds": what was varied
@@ -36,19 +36,19 @@ class LearningCurves:
     nodes, seeds: of the controllers.
     """
 
-    points: tuple[LearningPoint, ...]
+    points: tuple[ElmTraining, ...]
     spread_mm: float
     nodes: int
     seeds: int
 
-    def of(self, curve: str, split: str) -> list[LearningPoint]:
+    def of(self, curve: str, split: str) -> list[ElmTraining]:
         """The trainings of one curve."""
         return [point for point in self.points if (point.curve, point.split) == (curve, split)]
 
-    def for_report(self) -> list[studies.LearningPoint]:
+    def for_report(self) -> list[LearningPoint]:
         """The curves as the report draws them: test errors over nodes and samples, by split."""
         return [
-            studies.LearningPoint(
+            LearningPoint(
                 curve=point.curve,
                 value=point.nodes if point.curve == "nodes" else point.samples,
                 seed=point.seed,
@@ -69,7 +69,7 @@ def learning_curves(
 ) -> LearningCurves:
     """Train for every node count, sample count and seed, both splits; along the curves only the first few seeds.
 
-    sample_counts: for training; larger ones than there are stand for all of them. Raises DataError for a data set
+    sample_counts: for training; a larger count than there are takes all of them. Raises DataError for a data set
     that is too small to split.
     """
     few = range(min(seeds, CURVE_SEEDS))
@@ -83,7 +83,7 @@ def learning_curves(
     return LearningCurves(tuple(dict.fromkeys(points)), spread, nodes, seeds)
 
 
-def _point(data: Dataset, split: str, curve: str, nodes: int, samples: int | None, seed: int) -> LearningPoint:
-    done = trained(data, ExtremeLearningMachine(nodes=nodes, seed=seed), split=split, samples=samples)
+def _point(data: Dataset, split: str, curve: str, nodes: int, samples: int | None, seed: int) -> ElmTraining:
+    done = train_model(data, ExtremeLearningMachine(nodes=nodes, seed=seed), split=split, samples=samples)
     errors = [float(np.linalg.norm(axes)) for axes in (done.train_rmse_mm, done.test_rmse_mm)]
-    return LearningPoint(curve, split, nodes, done.model.provenance["train_rows"], seed, *errors)
+    return ElmTraining(curve, split, nodes, done.model.provenance["train_rows"], seed, *errors)

@@ -1,4 +1,4 @@
-"""Studies beside the experiments: ELMs that differ in their random weights, learning curves, sensitivity."""
+"""Studies besides the experiments: ELMs that differ in their random weights, learning curves, sensitivity."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from dataclasses import dataclass
 
 from benchmarks.paper import statistics
 from benchmarks.paper.analysis import PRIMARY, under
-from benchmarks.paper.comparison import compare, paired
+from benchmarks.paper.comparison import compare, pair_rows
 from benchmarks.paper.table import Row, groups, main_rows, only
 
 # ---- seeds
@@ -31,20 +31,20 @@ def seed_scores(table: Sequence[Row]) -> list[SeedScore]:
     seeded = [row for row in table if "model_seed" in row.labels and row.arm == "elm"]
     reference = only(under(main_rows(table), PRIMARY), arm="ifem")
     reference += [row for row in table if "model_seed" in row.labels and row.arm == "ifem"]
-    found = []
+    scores = []
     for seed in sorted({row.labels["model_seed"] for row in seeded}, key=lambda seed: (str(type(seed)), seed)):
         mine = [row for row in seeded if row.labels["model_seed"] == seed]
         for group in groups(mine):
             own = only(mine, group=group)
-            matched = paired(own, only(reference, group=group))
+            matched = pair_rows(own, only(reference, group=group))
             change = statistics.differences(matched.first, matched.second)
             medians = statistics.cluster_medians(change, matched.clusters)
             errors = [row.rmse_mm for row in own]
             failed = sum(row.failed for row in own)
-            found.append(
+            scores.append(
                 SeedScore(str(seed), group, len(own), failed, statistics.middle(errors), statistics.middle(medians))
             )
-    return found
+    return scores
 
 
 @dataclass(frozen=True)
@@ -67,11 +67,11 @@ class SeedShare:
     references: dict[str, float]
 
 
-def seed_shares(found: Sequence[SeedScore], table: Sequence[Row] = ()) -> list[SeedShare]:
+def seed_shares(scores: Sequence[SeedScore], table: Sequence[Row] = ()) -> list[SeedShare]:
     """One row a group; seeds without a comparison are left out. table: all insertions, for the references."""
     shares = []
-    for group in dict.fromkeys(score.group for score in found):
-        known = [score for score in found if score.group == group and not math.isnan(score.difference_mm)]
+    for group in dict.fromkeys(score.group for score in scores):
+        known = [score for score in scores if score.group == group and not math.isnan(score.difference_mm)]
         if known:
             medians = [score.median_mm for score in known]
             elm, ifem = (sum(sign * score.difference_mm < 0 for score in known) for sign in (1, -1))
@@ -128,12 +128,12 @@ class LearningStep:
 
 def learning_steps(points: Sequence[LearningPoint]) -> list[LearningStep]:
     """Median and range over the seeds, by curve, measure and value."""
-    found: dict[tuple[str, str, int], list[float]] = {}
+    errors_by_step: dict[tuple[str, str, int], list[float]] = {}
     for point in points:
-        found.setdefault((point.curve, point.measure, point.value), []).append(point.error_mm)
+        errors_by_step.setdefault((point.curve, point.measure, point.value), []).append(point.error_mm)
     return [
         LearningStep(*key, len(errors), statistics.middle(errors), min(errors), max(errors))
-        for key, errors in sorted(found.items())
+        for key, errors in sorted(errors_by_step.items())
     ]
 
 
@@ -171,14 +171,14 @@ NOMINAL = "nominal"
 def variants(table: Sequence[Row]) -> list[Variant]:
     """A row for each parameter, value and group, in the order of the parameters' first mention; nominal first."""
     varied = [row for row in table if "parameter" in row.labels]
-    found = []
+    rows = []
     keys = dict.fromkeys((str(row.labels["parameter"]), str(row.labels.get("value", ""))) for row in varied)
     for parameter, value in sorted(keys, key=lambda key: (key[0] != NOMINAL, *key)):
         mine = [row for row in varied if _setting(row) == (parameter, value)]
         for group in groups(mine):
             nominal = [row for row in varied if row.labels["parameter"] == NOMINAL and row.group == group]
-            found.append(_variant(parameter, value, group, only(mine, group=group), nominal))
-    return found
+            rows.append(_variant(parameter, value, group, only(mine, group=group), nominal))
+    return rows
 
 
 def _setting(row: Row) -> tuple[str, str]:

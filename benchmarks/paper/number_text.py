@@ -7,7 +7,7 @@ import math
 from benchmarks.paper.statistics import Interval
 
 
-def share(value: float, interval: Interval) -> str:
+def share_text(value: float, interval: Interval) -> str:
     """A share and its interval, in per cent."""
     text = f"{100 * value:.1f} % [{100 * interval.low:.1f}, {100 * interval.high:.1f}]"
     return text.replace("-", "−")
@@ -18,7 +18,7 @@ def millimetres(value: float) -> str:
     return "-" if math.isnan(value) else "failure" if math.isinf(value) else f"{value:.3f} mm"
 
 
-def signed(value: float) -> str:
+def signed_text(value: float) -> str:
     """A difference in mm, one more digit below a micrometre; infinite between a failure and another insertion."""
     if math.isinf(value):
         return "+∞" if value > 0.0 else "−∞"
@@ -26,7 +26,7 @@ def signed(value: float) -> str:
     return text.replace("-", "−") if float(text) else "0.000"
 
 
-def effect(value: float) -> str:
+def effect_text(value: float) -> str:
     """An effect size between -1 and 1."""
     return f"{value:+.2f}".replace("-", "−")
 

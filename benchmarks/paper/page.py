@@ -7,9 +7,8 @@ from typing import Any
 
 from jinja2 import Environment, FileSystemLoader, StrictUndefined
 
-from benchmarks.paper import figures
-from benchmarks.paper import number_text as words
-from benchmarks.paper.claims import CONTRADICTED, NOT_TESTABLE, REPRODUCED
+from benchmarks.paper import figures, number_text
+from benchmarks.paper.evidence import CONTRADICTED, NOT_TESTABLE, REPRODUCED
 from benchmarks.paper.table import ALL, GROUPS, REFERENCES, arm_name
 
 Json = dict[str, Any]
@@ -22,7 +21,7 @@ NOISE = {"off": "no target noise", "on": "with target noise"}
 
 def html(report: Json) -> str:
     """The page. report: what `document` returns, or report.json read back."""
-    return rendered(
+    return render(
         "report.html.j2",
         report=report,
         counts={name: sum(claim["verdict"] == name for claim in report["claims"]) for name in VERDICTS},
@@ -43,7 +42,7 @@ def html(report: Json) -> str:
     )
 
 
-def rendered(template: str, **content: Any) -> str:
+def render(template: str, **content: Any) -> str:
     """A page from one of the templates, with the filters for numbers."""
     environment = Environment(
         loader=FileSystemLoader(TEMPLATES),
@@ -96,7 +95,7 @@ def mm(value: float | None, absent: str = ABSENT) -> str:
 
 def signed(value: float | None, absent: str = ABSENT) -> str:
     """A difference in millimetres, with a true minus."""
-    return absent if value is None else words.signed(value)
+    return absent if value is None else number_text.signed_text(value)
 
 
 def milliseconds(value: float | None) -> str:

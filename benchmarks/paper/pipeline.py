@@ -1,6 +1,6 @@
 """The paper from data set to report: what is run, in which order, and what follows from what.
 
-Pure in the sense of the suites: it is handed everything that runs, stores, trains or records.
+It neither runs nor stores anything itself: `PaperPorts` provides whatever runs, stores, trains or records.
 """
 
 from __future__ import annotations
@@ -8,16 +8,15 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, Protocol
 
 import numpy as np
 
-from benchmarks.cases import Case, Label, Outcome, RunMany, Suite
-from benchmarks.learning import training_insertions as dataset
-from benchmarks.learning.training_insertions import Insertion
+from benchmarks.cases import Case, Label, Outcome, Suite
+from benchmarks.learning.training_insertions import Insertion, collect_dataset
 from benchmarks.paper.learning import LearningCurves, learning_curves
 from benchmarks.paper.plan import Plan, Stage, elm_names, model_names
-from benchmarks.paper.suites import resolved
+from benchmarks.paper.suites import resolve_cases
 from benchmarks.paper.table import TRAINING
 from simcore.errors import NeedlebenchError
 from simcore.rollout.dataset import Dataset, Table
@@ -26,29 +25,39 @@ DATA_SEED = 0
 RECORDED_ARMS, RECORDED_GROUPS = ("ifem", "elm"), ("LIN", "CUR")
 
 
-class NothingToLearn(NeedlebenchError):
+class EmptyDatasetError(NeedlebenchError):
     """The insertions of the data set all failed at once."""
 
 
-@dataclass(frozen=True)
-class Hands:
-    """What the stages are handed.
+class PaperPorts(Protocol):
+    """What the stages need and must not know: processes, a folder, training, a recorder."""
 
-    run_many, run_alone: on all workers, and one after the other. begin: is told each stage and its cases before they
-    run. table: table I of a finished training insertion. keep: stores the data set. train: (kind, seed, data) ->
-    content of a model file. store: keeps a text under a name in the run's folder, where scenarios then find it;
-    stored: whether it is there. record: a recording of each of these outcomes, id -> file name.
-    """
+    def run_many(self, cases: Sequence[Case]) -> Iterable[Outcome]:
+        """Run the cases on all workers; outcomes in any order."""
 
-    run_many: RunMany
-    run_alone: RunMany
-    begin: Callable[[Stage], None]
-    table: Callable[[Case], Table]
-    keep: Callable[[Dataset], None]
-    train: Callable[[str, int, Dataset], str]
-    store: Callable[[str, str], None]
-    stored: Callable[[str], bool]
-    record: Callable[[Sequence[Outcome]], dict[str, str]]
+    def run_alone(self, cases: Sequence[Case]) -> Iterable[Outcome]:
+        """Run one case after the other, for their times."""
+
+    def begin(self, stage: Stage) -> None:
+        """Hear of a stage and its cases before they run."""
+
+    def table(self, case: Case) -> Table:
+        """Table I of a finished training insertion."""
+
+    def keep(self, data: Dataset) -> None:
+        """Store the data set."""
+
+    def train(self, kind: str, seed: int, data: Dataset) -> str:
+        """Content of a model file."""
+
+    def store(self, name: str, text: str) -> None:
+        """Keep a text under a name in the run's folder, where scenarios then find it."""
+
+    def stored(self, name: str) -> bool:
+        """Whether there is something under this name."""
+
+    def record(self, outcomes: Sequence[Outcome]) -> dict[str, str]:
+        """Record each of these outcomes again; id -> file name."""
 
 
 @dataclass(frozen=True)
@@ -67,19 +76,19 @@ class Findings:
         return Suite(name="all", title="", cases=cases).sha256
 
 
-def rerun(plan: Plan, hands: Hands) -> Findings:
+def rerun(plan: Plan, ports: PaperPorts) -> Findings:
     """Run every stage of the plan."""
     training, *stages = plan.stages
-    first = _ran(training, hands, training.cases)
-    data = gathered(plan, first, hands.table)
-    hands.keep(data)
-    for name, kind, seed in models_of(plan):
-        if not hands.stored(name):
-            hands.store(name, hands.train(kind, seed, data))
+    first = _run_stage(training, ports, training.cases)
+    data = gather_dataset(plan, first, ports.table)
+    ports.keep(data)
+    for name, kind, seed in model_files(plan):
+        if not ports.stored(name):
+            ports.store(name, ports.train(kind, seed, data))
     outcomes, timing = list(first), list[Outcome]()
     for stage in stages:
-        found = _ran(stage, hands, resolved(stage.cases))
-        (timing if stage.alone else outcomes).extend(found)
+        stage_outcomes = _run_stage(stage, ports, resolve_cases(stage.cases))
+        (timing if stage.alone else outcomes).extend(stage_outcomes)
     curves = learning_curves(
         data,
         nodes=plan.scale.nodes,
@@ -87,23 +96,23 @@ def rerun(plan: Plan, hands: Hands) -> Findings:
         sample_counts=plan.scale.curve_samples,
         seeds=plan.scale.seeds,
     )
-    recordings = hands.record(worth_recording(outcomes, failed=plan.scale.recordings))
+    recordings = ports.record(cases_to_record(outcomes, failed=plan.scale.recordings))
     return Findings(tuple(outcomes), tuple(timing), curves, recordings)
 
 
-def _ran(stage: Stage, hands: Hands, cases: Sequence[Case]) -> list[Outcome]:
+def _run_stage(stage: Stage, ports: PaperPorts, cases: Sequence[Case]) -> list[Outcome]:
     """The outcomes in the order of the cases, whichever ended first."""
-    hands.begin(stage)
-    run = hands.run_alone if stage.alone else hands.run_many
-    found = {outcome.case.id: outcome for outcome in run(cases)}
-    return [found[case.id] for case in cases]
+    ports.begin(stage)
+    run = ports.run_alone if stage.alone else ports.run_many
+    outcomes = {outcome.case.id: outcome for outcome in run(cases)}
+    return [outcomes[case.id] for case in cases]
 
 
-def gathered(plan: Plan, outcomes: Sequence[Outcome], table: Callable[[Case], Table]) -> Dataset:
+def gather_dataset(plan: Plan, outcomes: Sequence[Outcome], table: Callable[[Case], Table]) -> Dataset:
     """The data set of finished insertions; those that ended without a step are left out. Raises NothingToLearn."""
     useful = [outcome for outcome in outcomes if outcome.result["metrics"]["steps_completed"]]
     if not useful:
-        raise NothingToLearn(
+        raise EmptyDatasetError(
             f"none of {len(outcomes)} training insertions made a step: {outcomes[0].result['message']}"
         )
 
@@ -113,18 +122,18 @@ def gathered(plan: Plan, outcomes: Sequence[Outcome], table: Callable[[Case], Ta
             yield Insertion(outcome.case, table(outcome.case), result["status"], result["digest"])
 
     cases = [outcome.case for outcome in useful]
-    return dataset.dataset(cases, done, samples=plan.scale.samples, seed=DATA_SEED)
+    return collect_dataset(cases, done, samples=plan.scale.samples, seed=DATA_SEED)
 
 
-def models_of(plan: Plan) -> list[tuple[str, str, int]]:
+def model_files(plan: Plan) -> list[tuple[str, str, int]]:
     """(file, kind, seed) of every model that the stages name."""
-    found = [(name, "elm", seed) for seed, name in enumerate(elm_names(plan.scale))]
+    files = [(name, "elm", seed) for seed, name in enumerate(elm_names(plan.scale))]
     if plan.scale.baselines:
-        found += [(name, kind, 0) for kind, name in model_names().items() if kind != "elm"]
-    return found
+        files += [(name, kind, 0) for kind, name in model_names().items() if kind != "elm"]
+    return files
 
 
-def worth_recording(outcomes: Sequence[Outcome], *, failed: int) -> list[Outcome]:
+def cases_to_record(outcomes: Sequence[Outcome], *, failed: int) -> list[Outcome]:
     """The best, median and worst test case of each controller along LIN and CUR, then the first that failed or lost
     their target: those that failed before the others, and those of these controllers before the baselines'."""
     main = [outcome for outcome in outcomes if outcome.case.labels.get("purpose") == "main"]
@@ -152,7 +161,7 @@ def cpu_seconds(outcomes: Iterable[Outcome]) -> float:
     return float(np.sum([seconds for seconds in each if seconds is not None]))
 
 
-def of_the_paper(findings: Findings) -> list[Outcome]:
+def paper_outcomes(findings: Findings) -> list[Outcome]:
     """The paper's own insertions: data set, I-FEM and ELM along LIN and CUR, the ELM at variable Young's modulus."""
 
     def own(labels: Mapping[str, Label]) -> bool:

@@ -23,7 +23,7 @@ RECORDED_ARMS = 4  # I-FEM and ELM along LIN and CUR: best, median and worst of 
 
 
 @dataclass(frozen=True)
-class Cost:
+class StepCost:
     """Measured at the scale's discretisation: CPU seconds of a step that steers by I-FEM and of one that does not."""
 
     ifem_s: float
@@ -70,6 +70,7 @@ class Plan:
 
     @property
     def insertions(self) -> int:
+        """How many there are in all stages."""
         return sum(len(stage.cases) for stage in self.stages)
 
     @cached_property
@@ -79,7 +80,7 @@ class Plan:
         content = json.dumps([self.scale.model_dump(mode="json"), drafts], sort_keys=True, separators=(",", ":"))
         return hashlib.sha256(content.encode()).hexdigest()
 
-    def seconds(self, cost: Cost, workers: int) -> dict[str, float]:
+    def seconds(self, cost: StepCost, workers: int) -> dict[str, float]:
         """Estimated wall time of each stage on cores of their own, by title."""
         return {stage.title: sum(map(cost.of, stage.cases)) / (1 if stage.alone else workers) for stage in self.stages}
 

@@ -23,9 +23,10 @@ from benchmarks.paper.analysis import (
     scores,
     young_contrasts,
 )
-from benchmarks.paper.claims import Findings, claims
+from benchmarks.paper.claims import claims
 from benchmarks.paper.comparison import as_json
-from benchmarks.paper.failure_places import chosen, face_mm, spots, unsuccessful
+from benchmarks.paper.evidence import Evidence
+from benchmarks.paper.failure_places import face_mm, notable_cases, outcome_word, spots
 from benchmarks.paper.figures import conditions, headline
 from benchmarks.paper.learning_studies import LearningPoint, learning_steps, seed_scores, seed_shares, variants
 from benchmarks.paper.page import html
@@ -58,7 +59,7 @@ def document(
     scored, timed = scores(table), rows(timing)
     seeds = seed_scores(table)
     shares = seed_shares(seeds, table)
-    found = Findings(table, scored, contrasts, young, directions, savings(timed), shares)
+    evidence = Evidence(table, scored, contrasts, young, directions, savings(timed), shares)
     failed = [row for row in table if row.failed]
     content = {
         "schema": SCHEMA,
@@ -66,7 +67,7 @@ def document(
         "provenance": dict(provenance or {}),
         "rules": rules(),
         "counts": {"insertions": len(table), "failed": len(failed), "timed": len(timed)},
-        "claims": claims(found),
+        "claims": claims(evidence),
         "scores": scored,
         "contrasts": [_flat(contrast) for contrast in contrasts],
         "directions": [_flat(contrast) for contrast in directions],
@@ -78,8 +79,8 @@ def document(
         "seeds": {"scores": seeds, "shares": shares, "boxes": _seed_boxes(seeds)},
         "learning": learning_steps(learning),
         "sensitivity": variants(table),
-        "timing": {"costs": costs(timed), "savings": found.savings, "paper": PAPER_REDUCTIONS},
-        "recordings": chosen_insertions(table, recordings or {}),
+        "timing": {"costs": costs(timed), "savings": evidence.savings, "paper": PAPER_REDUCTIONS},
+        "recordings": notable_insertions(table, recordings or {}),
     }
     result: Json = as_json(content)
     return result
@@ -107,8 +108,8 @@ def _flat(contrast: Contrast) -> Json:
 
 def _entry_mm(table: Sequence[Row]) -> tuple[float, float] | None:
     """The entry if all paths share it."""
-    found = {row.entry_mm for row in table}
-    entry = found.pop() if len(found) == 1 else None
+    entries = {row.entry_mm for row in table}
+    entry = entries.pop() if len(entries) == 1 else None
     return entry if entry and not any(math.isnan(value) for value in entry) else None
 
 
@@ -122,18 +123,20 @@ def _seed_boxes(seeds: Sequence[Any]) -> Json:
     return {g: box(np.array([score.median_mm for score in seeds if score.group == g])) for g in groups}
 
 
-def chosen_insertions(table: Sequence[Row], links: Mapping[str, str]) -> list[Json]:
+def notable_insertions(table: Sequence[Row], links: Mapping[str, str]) -> list[Json]:
     """Best, median and worst cases and failures, each with its link if it has one, then all others that have one."""
     known = {row.id: row for row in table}
-    reasons = dict(chosen(table))
-    reasons |= {name: unsuccessful(known[name]) or "another" for name in sorted(links.keys() & known.keys() - reasons)}
-    found = []
+    reasons = dict(notable_cases(table))
+    reasons |= {name: outcome_word(known[name]) or "another" for name in sorted(links.keys() & known.keys() - reasons)}
+    insertions = []
     for case_id, why in reasons.items():
         row = known[case_id]
         named = {name: getattr(row, name) for name in ("id", "group", "arm", "young", "noise", "status", "digest")}
         error = row.metrics.get("max_error_mm")
-        found.append({**named, "why": why, "rmse_mm": row.rmse_mm, "max_error_mm": error, "link": links.get(case_id)})
-    return found
+        insertions.append(
+            {**named, "why": why, "rmse_mm": row.rmse_mm, "max_error_mm": error, "link": links.get(case_id)}
+        )
+    return insertions
 
 
 def write(

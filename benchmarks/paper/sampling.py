@@ -35,12 +35,12 @@ def _points(count: int, seed: int) -> tuple[tuple[float, float, float], ...]:
     rng = np.random.default_rng(seed)
     grid = grid_mm()[:, :2]
     low, high = np.full(2, MARGIN_MM), np.array(FACE_MM) - MARGIN_MM
-    found: list[tuple[float, float, float]] = []
-    while len(found) < count:
+    points: list[tuple[float, float, float]] = []
+    while len(points) < count:
         point = np.round(rng.uniform(low, high), _DECIMALS)
         if np.linalg.norm(grid - point, axis=1).min() >= CLEARANCE_MM:
-            found.append((float(point[0]), float(point[1]), DEPTH_MM))
-    return tuple(found)
+            points.append((float(point[0]), float(point[1]), DEPTH_MM))
+    return tuple(points)
 
 
 def end_points_mm(count: int = 100, *, seed: int = TEST_SEED) -> Points:

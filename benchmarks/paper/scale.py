@@ -52,7 +52,7 @@ class Scale(BaseModel):
         (100, 300, 1000, 3000, 10_000), max_length=20, description="sample counts of the learning curve"
     )
     recordings: Count = Field(
-        2, description="failed cases that are recorded, beside best, median and worst of each arm"
+        2, description="failed cases that are recorded, besides best, median and worst of each arm"
     )
 
 
@@ -114,7 +114,7 @@ SCALES = {
 }
 SCALE_TEXT = {
     "smoke": "does everything work? a coarse mesh and time step, a handful of paths",
-    "quick": "a first look: coarser mesh and time step, a quarter of the paths; decides nothing either",
+    "quick": "a first look: coarser mesh and time step, a quarter of the paths; it decides nothing either",
     "full": "the paper: 105 + 500 I-FEM + 500 ELM + 500 ELM at variable stiffness, and what they are compared with",
     "extended": "full, with I-FEM at variable stiffness, all references, 20 seeds x 25 paths, more sensitivity",
 }

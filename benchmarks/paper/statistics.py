@@ -9,8 +9,8 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy import stats
 
+# scipy.stats is imported where it is used: it takes most of a second, and a service starts without it
 Vector = NDArray[np.float64]
 
 SEED = 0
@@ -44,7 +44,7 @@ class SignTest:
 
 
 def differences(first: Sequence[float] | Vector, second: Sequence[float] | Vector) -> Vector:
-    """first - second of paired errors; two failures are a tie."""
+    """Differences first - second of paired errors; two failures are a tie."""
     a, b = np.asarray(first, float), np.asarray(second, float)
     both = np.isinf(a) & np.isinf(b)
     result: Vector = np.subtract(a, b, out=np.zeros_like(a), where=~both)
@@ -52,7 +52,7 @@ def differences(first: Sequence[float] | Vector, second: Sequence[float] | Vecto
 
 
 def ratios(first: Sequence[float] | Vector, second: Sequence[float] | Vector) -> Vector:
-    """first / second of paired errors; two failures and two zeros are equal."""
+    """Ratios first / second of paired errors; two failures and two zeros are equal."""
     a, b = np.asarray(first, float), np.asarray(second, float)
     equal = a == b
     with np.errstate(divide="ignore"):
@@ -89,10 +89,10 @@ def quantile(values: Sequence[float] | Vector, share: float) -> float:
 
 def cluster_medians(values: Sequence[float] | Vector, clusters: Sequence[Hashable]) -> Vector:
     """Median of each cluster, in the order in which clusters appear first."""
-    found: dict[Hashable, list[float]] = {}
+    members: dict[Hashable, list[float]] = {}
     for value, cluster in zip(np.asarray(values, float), clusters, strict=True):
-        found.setdefault(cluster, []).append(float(value))
-    return np.array([middle(inner) for inner in found.values()])
+        members.setdefault(cluster, []).append(float(value))
+    return np.array([middle(inner) for inner in members.values()])
 
 
 # ---- tests
@@ -100,6 +100,8 @@ def cluster_medians(values: Sequence[float] | Vector, clusters: Sequence[Hashabl
 
 def sign_test(values: Sequence[float] | Vector) -> SignTest:
     """Exact two-tailed sign test of paired differences; ties are counted and left out. p = 1 where nothing is left."""
+    from scipy import stats
+
     signs = np.sign(np.asarray(values, float))
     below, above = int((signs < 0).sum()), int((signs > 0).sum())
     p = float(stats.binomtest(below, below + above, 0.5).pvalue) if below + above else 1.0
@@ -108,6 +110,8 @@ def sign_test(values: Sequence[float] | Vector) -> SignTest:
 
 def mann_whitney_p(first: Sequence[float] | Vector, second: Sequence[float] | Vector) -> float:
     """Two-tailed Mann-Whitney U, unpaired; nan if a side is empty, 1 if all values are the same."""
+    from scipy import stats
+
     a, b = np.asarray(first, float), np.asarray(second, float)
     if not len(a) or not len(b):
         return math.nan
@@ -119,6 +123,8 @@ def mann_whitney_p(first: Sequence[float] | Vector, second: Sequence[float] | Ve
 
 def wilcoxon_p(values: Sequence[float] | Vector) -> float:
     """Two-tailed Wilcoxon signed-rank test of paired differences, zeros left out; 1 where nothing is left."""
+    from scipy import stats
+
     kept = _finite_ranks(values)
     return float(stats.wilcoxon(kept).pvalue) if len(kept) else 1.0
 
@@ -138,6 +144,8 @@ def _finite_ranks(values: Sequence[float] | Vector) -> Vector:
 
 def rank_biserial(values: Sequence[float] | Vector) -> float:
     """Matched-pairs rank-biserial correlation of differences, (W+ - W-) / (W+ + W-): -1 if all are below zero."""
+    from scipy import stats
+
     kept = _finite_ranks(values)
     if not len(kept):
         return 0.0
@@ -164,10 +172,12 @@ def superiority(values: Sequence[float] | Vector) -> float:
 
 def wilson(hits: int, trials: int, confidence: float = CONFIDENCE) -> Interval:
     """Wilson's score interval of a share; everything from 0 to 1 without trials."""
+    from scipy import stats
+
     if not trials:
         return Interval(0.0, 1.0)
-    found = stats.binomtest(hits, trials).proportion_ci(confidence_level=confidence, method="wilson")
-    return Interval(float(found.low), float(found.high))
+    interval = stats.binomtest(hits, trials).proportion_ci(confidence_level=confidence, method="wilson")
+    return Interval(float(interval.low), float(interval.high))
 
 
 def bootstrap_median(

@@ -11,10 +11,10 @@ from dataclasses import dataclass
 from typing import Any
 
 from benchmarks.cases import Case, Label, Suite
-from benchmarks.learning import training_insertions as dataset
+from benchmarks.learning.training_insertions import NOISE_MM, training_insertions
 from benchmarks.paper.sampling import DIRECTIONS, ENTRY_MM, end_points_mm, young_kpa
 from benchmarks.paper.scale import SCALES, Scale
-from benchmarks.paper.variations import VARIATIONS, varied
+from benchmarks.paper.variations import VARIATIONS, apply_variation
 from simcore.errors import Problem, ScenarioError
 from simcore.scenario.scenario import Scenario
 
@@ -39,10 +39,12 @@ class Path:
 
     @property
     def group(self) -> str:
+        """LIN or CUR."""
         return "CUR" if self.direction else "LIN"
 
     @property
     def name(self) -> str:
+        """As it begins the ids of its cases."""
         return f"{self.group.lower()}-{self.end_point:03}{self.direction}"
 
     def trajectory(self) -> Json:
@@ -54,12 +56,12 @@ class Path:
         return {"kind": "sine", "entry_mm": list(ENTRY_MM), "target_mm": target, **overlay}
 
 
-def straight(count: int) -> list[Path]:
+def straight_paths(count: int) -> list[Path]:
     """LIN: one path to each of the first end points."""
     return [Path(i) for i in range(count)]
 
 
-def curved(count: int, directions: int = 4) -> list[Path]:
+def curved_paths(count: int, directions: int = 4) -> list[Path]:
     """CUR: the same end points, each along some directions; fewer than four are taken in turn."""
     return [Path(i, SIGNS[(i + k) % 4]) for i in range(count) for k in range(directions)]
 
@@ -79,7 +81,7 @@ def discretisation(scale: Scale) -> Json:
     return {"dt_s": scale.dt_s, "tissue": {"element_size_mm": scale.element_size_mm}}
 
 
-def resolved(drafts: Sequence[Case]) -> list[Case]:
+def resolve_cases(drafts: Sequence[Case]) -> list[Case]:
     """The cases with every field of their scenarios settled. Raises ScenarioError, naming the case.
 
     A learned controller's model must exist for that; a draft only names it.
@@ -89,8 +91,8 @@ def resolved(drafts: Sequence[Case]) -> list[Case]:
         try:
             cases.append(Case(draft.id, Scenario.load(draft.scenario).resolved(), draft.labels))
         except ScenarioError as error:
-            found = [Problem(f"{draft.id}: {p.field}", p.value, p.message) for p in error.problems]
-            raise ScenarioError(found) from None
+            problems = [Problem(f"{draft.id}: {p.field}", p.value, p.message) for p in error.problems]
+            raise ScenarioError(problems) from None
     return cases
 
 
@@ -103,7 +105,7 @@ def controller(arm: str, scale: Scale, models: Models) -> Json:
     return {"kind": arm}
 
 
-def labelled(path: Path, arm: str, purpose: str, **more: Label) -> dict[str, Label]:
+def case_labels(path: Path, arm: str, purpose: str, **more: Label) -> dict[str, Label]:
     """What the analyses sort by."""
     return {
         "purpose": purpose,
@@ -117,7 +119,7 @@ def labelled(path: Path, arm: str, purpose: str, **more: Label) -> dict[str, Lab
     }
 
 
-def following(
+def cases_along(
     scale: Scale, models: Models, paths: Sequence[Path], arms: Sequence[str], purpose: str = "main"
 ) -> list[Case]:
     """Every arm along every path, path by path: constant stiffness, no noise."""
@@ -128,7 +130,7 @@ def following(
             data = scenario(
                 name, scale, seed=0, trajectory=path.trajectory(), controller=controller(arm, scale, models)
             )
-            cases.append(Case(name, data, labelled(path, arm, purpose)))
+            cases.append(Case(name, data, case_labels(path, arm, purpose)))
     return cases
 
 
@@ -137,36 +139,34 @@ def following(
 
 def training_cases(scale: Scale) -> list[Case]:
     """The data set: straight I-FEM insertions to the training grid with uniform target noise of +-0.25 mm."""
-    return list(dataset.cases(insertions=scale.training, seed=0, changes=discretisation(scale)))
+    return list(training_insertions(insertions=scale.training, seed=0, changes=discretisation(scale)))
 
 
 def lin_cases(scale: Scale, models: Models) -> list[Case]:
     """LIN: straight test paths, noise off (primary), then with target noise on."""
-    cases = following(scale, models, straight(scale.lin), STEERED)
-    cases += following(scale, models, straight(scale.reference_lin), REFERENCES)
-    cases += following(scale, models, straight(scale.baselines), BASELINES)
-    for path in straight(scale.noise):
+    cases = cases_along(scale, models, straight_paths(scale.lin), STEERED)
+    cases += cases_along(scale, models, straight_paths(scale.reference_lin), REFERENCES)
+    cases += cases_along(scale, models, straight_paths(scale.baselines), BASELINES)
+    for path in straight_paths(scale.noise):
         for arm in (*STEERED, *REFERENCES):
             name = f"lin-noise-{path.end_point:03}-{arm}"
             seed, block = TEST_NOISE_SEED + path.end_point, controller(arm, scale, models)
-            data = scenario(
-                name, scale, seed=seed, noise_mm=dataset.NOISE_MM, trajectory=path.trajectory(), controller=block
-            )
-            cases.append(Case(name, data, labelled(path, arm, "main", noise="on")))
+            data = scenario(name, scale, seed=seed, noise_mm=NOISE_MM, trajectory=path.trajectory(), controller=block)
+            cases.append(Case(name, data, case_labels(path, arm, "main", noise="on")))
     return cases
 
 
 def cur_cases(scale: Scale, models: Models) -> list[Case]:
     """CUR: four sine overlays over each end point."""
-    cases = following(scale, models, curved(scale.cur), STEERED)
-    cases += following(scale, models, curved(scale.reference_cur, scale.reference_directions), REFERENCES)
-    return cases + following(scale, models, curved(scale.baselines, 1), BASELINES)
+    cases = cases_along(scale, models, curved_paths(scale.cur), STEERED)
+    cases += cases_along(scale, models, curved_paths(scale.reference_cur, scale.reference_directions), REFERENCES)
+    return cases + cases_along(scale, models, curved_paths(scale.baselines, 1), BASELINES)
 
 
 def young_cases(scale: Scale, models: Models) -> list[Case]:
     """The same paths, Young's modulus 5.5 to 6.3 kPa by path: the ELM, the references on some, I-FEM if asked for."""
-    everything = [*straight(scale.young), *curved(scale.young)]
-    some = [*straight(scale.reference_young), *curved(scale.reference_young, scale.reference_directions)]
+    everything = [*straight_paths(scale.young), *curved_paths(scale.young)]
+    some = [*straight_paths(scale.reference_young), *curved_paths(scale.reference_young, scale.reference_directions)]
     steered = ("ifem", "elm") if scale.young_ifem else ("elm",)
     cases = []
     for path, arm in [*_pairs(everything, steered), *_pairs(some, REFERENCES)]:
@@ -177,7 +177,7 @@ def young_cases(scale: Scale, models: Models) -> list[Case]:
         name = f"young-{path.name}-{arm}"
         tissue = {"young_kpa": young_kpa(path.end_point, path.direction)}
         data = scenario(name, scale, seed=0, tissue=tissue, trajectory=path.trajectory(), controller=block)
-        cases.append(Case(name, data, labelled(path, arm, "main", young="variable")))
+        cases.append(Case(name, data, case_labels(path, arm, "main", young="variable")))
     return cases
 
 
@@ -188,7 +188,7 @@ def paper_cases(scale: Scale, models: Models) -> list[Case]:
 
 def sensitivity_cases(scale: Scale, models: Models) -> list[Case]:
     """Each open parameter moved alone, along the same few paths as the nominal values."""
-    paths = [*straight(scale.sensitivity_lin), *curved(scale.sensitivity_cur, 1)]
+    paths = [*straight_paths(scale.sensitivity_lin), *curved_paths(scale.sensitivity_cur, 1)]
     cases = []
     for variation in VARIATIONS:
         arms = ("ifem",) if variation.ifem_only else (*STEERED, "open_loop")
@@ -198,18 +198,18 @@ def sensitivity_cases(scale: Scale, models: Models) -> list[Case]:
                 name, scale, seed=0, trajectory=path.trajectory(), controller=controller(arm, scale, models)
             )
             more = {"parameter": variation.parameter, "value": variation.value}
-            cases.append(Case(name, varied(data, variation), labelled(path, arm, "sensitivity", **more)))
+            cases.append(Case(name, apply_variation(data, variation), case_labels(path, arm, "sensitivity", **more)))
     return cases
 
 
 def seed_cases(scale: Scale, models: Sequence[str]) -> list[Case]:
     """ELMs that differ in their random input weights alone, closed loop, along the same paths: LIN and CUR in turn, the
     first ones of those along which the references run."""
-    both = zip(straight(scale.seed_paths), curved(scale.seed_paths, 1), strict=True)
+    both = zip(straight_paths(scale.seed_paths), curved_paths(scale.seed_paths, 1), strict=True)
     paths = [path for pair in both for path in pair][: scale.seed_paths]
     cases = []
     for seed, model in enumerate(models):
-        for case in following(scale, {"elm": model}, paths, ("elm",), "seeds"):
+        for case in cases_along(scale, {"elm": model}, paths, ("elm",), "seeds"):
             name = f"seed-{seed:02}-{case.id}"
             cases.append(Case(name, {**case.scenario, "name": name}, {**case.labels, "model_seed": seed}))
     return cases
@@ -230,7 +230,7 @@ def timing_cases(scale: Scale, models: Models) -> list[Case]:
         for way, block in ways.items():
             name = f"timing-{path.name}-{way}"
             data = scenario(name, scale, seed=0, trajectory=path.trajectory(), controller=block)
-            cases.append(Case(name, data, labelled(path, block["kind"], "timing", jacobian=way)))
+            cases.append(Case(name, data, case_labels(path, block["kind"], "timing", jacobian=way)))
     return cases
 
 
@@ -259,7 +259,7 @@ _KINDS = {
     "paper-v1": _Kind("lin100-v1, cur400-v1 and young-v1 together", paper_cases),
     "sensitivity-v1": _Kind("What the paper leaves open, moved one by one", sensitivity_cases),
 }
-_OWN_MODELS = {"baselines": 0}  # their models do not come along: they are trained in a run of `needlebench paper`
+_OWN_MODELS = {"baselines": 0}  # their models are not bundled: a run of `needlebench paper` trains them
 _SIZES = {
     size: SCALES[name].model_copy(update=_OWN_MODELS)
     for size, name in (("", "full"), ("-quick", "quick"), ("-smoke", "smoke"))
@@ -274,17 +274,17 @@ def suite_names() -> dict[str, str]:
 
 def suite(name: str, *, model: str = "default") -> Suite:
     """A suite by name; its ELM arms use `model`, a packaged one or a file. Raises ScenarioError for an unknown name."""
-    cases = tuple(resolved(drafts(name, model=model)))
+    cases = tuple(resolve_cases(drafts(name, model=model)))
     return Suite(name=name, title=suite_names()[name], cases=cases)
 
 
 def drafts(name: str, *, model: str = "default") -> list[Case]:
     """Its cases before defaults: the models that they name need not exist. Raises ScenarioError for an unknown name."""
-    kind, scale = _found(name)
+    kind, scale = _kind_and_scale(name)
     return kind.cases(scale, {"elm": model})
 
 
-def _found(name: str) -> tuple[_Kind, Scale]:
+def _kind_and_scale(name: str) -> tuple[_Kind, Scale]:
     for base, kind in _KINDS.items():
         size = name.removeprefix(base)
         if name.startswith(base) and size in _SIZES:

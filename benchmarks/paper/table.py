@@ -122,10 +122,10 @@ def _lateral(scenario: Mapping[str, Any], name: str) -> tuple[float, float]:
 
 
 def _timing(timing: Mapping[str, Any], steps: int | None) -> dict[str, float | None]:
-    found: dict[str, float | None] = {name: (timing.get(name) or {}).get("median_ms") for name in TIMED}
+    medians: dict[str, float | None] = {name: (timing.get(name) or {}).get("median_ms") for name in TIMED}
     wall = timing.get("loop_wall_s")
-    found["mean_step"] = 1e3 * wall / steps if wall is not None and steps else None
-    return found
+    medians["mean_step"] = 1e3 * wall / steps if wall is not None and steps else None
+    return medians
 
 
 def only(table: Iterable[Row], **wanted: str) -> list[Row]:
@@ -163,16 +163,16 @@ def arm_name(arm: str) -> str:
 
 def groups(table: Iterable[Row]) -> list[str]:
     """Groups that there are, LIN and CUR first."""
-    found = {row.group for row in table} - {TRAINING}
-    return [name for name in GROUPS if name in found] + sorted(found - set(GROUPS))
+    names = {row.group for row in table} - {TRAINING}
+    return [name for name in GROUPS if name in names] + sorted(names - set(GROUPS))
 
 
-def grouped(table: Sequence[Row]) -> dict[str, list[Row]]:
+def by_group(table: Sequence[Row]) -> dict[str, list[Row]]:
     """Rows by group; with two groups or more also all of them together."""
-    found = {name: only(table, group=name) for name in groups(table)}
-    if len(found) > 1:
-        found[ALL] = [row for name in groups(table) for row in found[name]]
-    return found
+    members = {name: only(table, group=name) for name in groups(table)}
+    if len(members) > 1:
+        members[ALL] = [row for name in groups(table) for row in members[name]]
+    return members
 
 
 def insertions_csv(table: Sequence[Row]) -> str:
@@ -190,21 +190,21 @@ def insertions_csv(table: Sequence[Row]) -> str:
             [
                 row.id,
                 *(row.labels.get(name, "") for name in labels),
-                _filled(row.scenario.get("tissue", {}).get("young_kpa")),
-                *(_filled(value) for value in (*row.entry_mm, *row.end_mm)),
-                *(row.status, row.message, _word(row.stable), _word(row.success)),
-                *(_filled(row.metrics.get(name)) for name in (*counts, *MEASURED)),
-                *(_filled(row.timing_ms[name]) for name in (*TIMED, "mean_step")),
+                _cell(row.scenario.get("tissue", {}).get("young_kpa")),
+                *(_cell(value) for value in (*row.entry_mm, *row.end_mm)),
+                *(row.status, row.message, _yes_no(row.stable), _yes_no(row.success)),
+                *(_cell(row.metrics.get(name)) for name in (*counts, *MEASURED)),
+                *(_cell(row.timing_ms[name]) for name in (*TIMED, "mean_step")),
                 row.digest,
             ]
         )
     return text.getvalue()
 
 
-def _filled(value: Any) -> Any:
-    """Empty for what there is not."""
+def _cell(value: Any) -> Any:
+    """The value, empty where nothing was measured."""
     return "" if value is None or (isinstance(value, float) and not math.isfinite(value)) else value
 
 
-def _word(yes: bool) -> str:
+def _yes_no(yes: bool) -> str:
     return "yes" if yes else "no"

@@ -32,7 +32,7 @@ class Spread:
 
 
 @dataclass(frozen=True)
-class Cost:
+class StepTimes:
     """What a step costs under one controller. plant: the simulation; jacobian: its linearisation, which I-FEM needs;
     command: the controller; total: their sum; mean_step: wall time of the loop by steps, series included."""
 
@@ -74,9 +74,9 @@ def part_ms(row: Row, part: str) -> float:
     return math.nan if any(value is None for value in values) else math.fsum(v for v in values if v is not None)
 
 
-def costs(table: Sequence[Row]) -> list[Cost]:
+def costs(table: Sequence[Row]) -> list[StepTimes]:
     """One row a way, I-FEM first; insertions that failed have no place in a time."""
-    found = []
+    result = []
     ways: dict[str, list[Row]] = {}
     for row in table:
         if row.stable:
@@ -84,8 +84,8 @@ def costs(table: Sequence[Row]) -> list[Cost]:
     for way in sorted(ways, key=lambda way: (not way.startswith(arm_name("ifem")), way)):
         mine = ways[way]
         parts = (_spread(mine, part) for part in ("plant", "jacobian", "command", "total", "mean_step"))
-        found.append(Cost(way, mine[0].arm, len(mine), *parts))
-    return found
+        result.append(StepTimes(way, mine[0].arm, len(mine), *parts))
+    return result
 
 
 def _spread(rows: Sequence[Row], part: str) -> Spread:
@@ -98,7 +98,7 @@ def savings(table: Sequence[Row]) -> list[Saving]:
     stable = [row for row in table if row.stable]
     elm = [row for row in stable if row.arm == "elm"]
     ways = sorted({way_of(row) for row in stable if row.arm == "ifem"})
-    found = []
+    result = []
     for way in ways:
         for part in ("total", "mean_step", "controller"):
             one = _by_path(elm, part)
@@ -106,14 +106,14 @@ def savings(table: Sequence[Row]) -> list[Saving]:
             shared = sorted(one.keys() & other.keys())
             if shared:
                 saved = 1.0 - np.array([one[key] / other[key] for key in shared])
-                found.append(Saving(way, part, len(shared), statistics.middle(saved), bootstrap_median(saved)))
-    return found
+                result.append(Saving(way, part, len(shared), statistics.middle(saved), bootstrap_median(saved)))
+    return result
 
 
 def _by_path(rows: Sequence[Row], part: str) -> dict[tuple[str, str, str], float]:
-    found: dict[tuple[str, str, str], list[float]] = {}
+    times: dict[tuple[str, str, str], list[float]] = {}
     for row in rows:
         value = part_ms(row, part)
         if value > 0.0:
-            found.setdefault(row.pair, []).append(value)
-    return {key: statistics.middle(values) for key, values in found.items()}
+            times.setdefault(row.pair, []).append(value)
+    return {key: statistics.middle(values) for key, values in times.items()}

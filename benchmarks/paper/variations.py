@@ -24,6 +24,7 @@ class Variation:
 
     @property
     def name(self) -> str:
+        """Parameter and value, good in a file name."""
         return re.sub(r"[^\w.]+", "-", f"{self.parameter} {self.value}")
 
 
@@ -64,7 +65,7 @@ VARIATIONS = (
 _FACTORS = ("dt_s",)  # given as a factor of the scale's value
 
 
-def varied(scenario: Json, variation: Variation) -> Json:
+def apply_variation(scenario: Json, variation: Variation) -> Json:
     """The scenario with the variation's fields; a change of the sine's amplitude leaves a straight path as it is."""
     data = copy.deepcopy(scenario)
     for field, value in variation.changes:

@@ -6,14 +6,17 @@ from collections.abc import Callable
 
 import numpy as np
 
-from benchmarks.builtin_scenarios import measured
+from benchmarks.builtin_scenarios import benchmark_scenario
 from benchmarks.measurements import Figure, Part, figure
-from benchmarks.performance.step_clock import Unusable, limit_of
-from benchmarks.ports import Clock, Tools
+from benchmarks.performance.step_clock import MeasurementError, limit_of
+from benchmarks.ports import BenchPorts, Clock
 from simcore.errors import Status
-from simcore.insertion.insertion import Insertion, InsertionState, Pose
+from simcore.insertion.insertion import Insertion, InsertionState
+from simcore.insertion.response import linear_response
+from simcore.insertion.state import Pose
 from simcore.needle.beam import internal
 from simcore.rollout.rollout import compile_kernels
+from simcore.scenario.build import insertion_of
 from simcore.scenario.scenario import Scenario
 
 ROUNDS = 30
@@ -24,11 +27,11 @@ ADVANCE_M = 0.25e-3
 Kernel = Callable[[], object]
 
 
-def micro(tools: Tools) -> Part:
+def micro(ports: BenchPorts) -> Part:
     """Median time of one call; a run is a round of calls."""
     compile_kernels()
-    scenario = measured("line", quick=tools.quick)
-    tools.say("micro: pushing the needle half-way in")
+    scenario = benchmark_scenario("line", quick=ports.quick)
+    ports.say("micro: pushing the needle half-way in")
     insertion, state = half_way(scenario)
     limit = limit_of(scenario)
     kernels: dict[str, Kernel] = {
@@ -37,18 +40,18 @@ def micro(tools: Tools) -> Part:
         "limit_back_solve": limit.solve,
         "limit_force": limit.evaluate,
     }
-    rounds = 3 if tools.quick else ROUNDS
+    rounds = 3 if ports.quick else ROUNDS
     times: dict[str, list[float]] = {name: [] for name in kernels}
-    tools.say(f"micro: {rounds} rounds of {', '.join(kernels)}")
+    ports.say(f"micro: {rounds} rounds of {', '.join(kernels)}")
     for _ in range(rounds):
         for name, kernel in kernels.items():
-            times[name].append(_per_call(kernel, 1 if name == "refactor" else CALLS, tools.clock))
+            times[name].append(_per_call(kernel, 1 if name == "refactor" else CALLS, ports.clock))
     return Part(tuple(_figure(name, values) for name, values in times.items()))
 
 
 def half_way(scenario: Scenario) -> tuple[Insertion, InsertionState]:
     """The plant with the straight needle pushed along the path's first tangent to half its length."""
-    insertion, path = Insertion(scenario), scenario.path()
+    insertion, path = insertion_of(scenario), scenario.path()
     tangent = path.first_tangent()
     state = insertion.initial_state(tangent)
     start = insertion.initial_base(tangent)
@@ -56,24 +59,24 @@ def half_way(scenario: Scenario) -> tuple[Insertion, InsertionState]:
         base = Pose(start.position_m + (i + 1) * ADVANCE_M * tangent, start.rotation)
         state = insertion.step(state, base)
         if state.report.status is not Status.COMPLETED:
-            raise Unusable(f"step {i + 1} of the push ended as {state.report.status}: {state.report.message}")
+            raise MeasurementError(f"step {i + 1} of the push ended as {state.report.status}: {state.report.message}")
     return insertion, state
 
 
 def _kernels(insertion: Insertion, state: InsertionState) -> dict[str, Kernel]:
-    coupled = insertion.coupled
+    workspace, solved = insertion.workspace, state.solved
+    between = workspace.compliance.between_points
     bodies, needle, right = state.bodies, insertion.needle, np.ones(insertion.tissue.unknowns)
     columns = np.ones((insertion.tissue.unknowns, 3), np.float32, order="F")
-    rotations = coupled.blocks.rotations()
+    rotations = workspace.blocks.rotations()
     held = np.zeros_like(bodies.x)
-    beams = (coupled.needle_forces, coupled.diag, coupled.upper, coupled.lower)
     return {
-        "force": lambda: coupled.blocks.evaluate(bodies.x, held),
-        "back_solve": lambda: coupled.compliance.solve(right),
-        "columns": lambda: coupled.compliance.solve(columns),
-        "w": coupled.linear_response,
-        "beams": lambda: internal(bodies.needle_x, bodies.needle_R, *needle.constants, *beams),
-        "refactor": lambda: coupled.compliance.refactor(rotations),
+        "force": lambda: workspace.blocks.evaluate(bodies.x, held),
+        "back_solve": lambda: workspace.compliance.solve(right),
+        "columns": lambda: workspace.compliance.solve(columns),
+        "w": lambda: linear_response(solved.active, solved.at.points, solved.beams, between),
+        "beams": lambda: internal(bodies.needle_x, bodies.needle_R, needle.section, workspace.beams),
+        "refactor": lambda: workspace.compliance.refactor(rotations),
     }
 
 

@@ -20,17 +20,17 @@ from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from simcore.rollout.records import Scene, StepRecord
-    from simcore.rollout.rollout import Rollout
+    from simcore.rollout.result import Rollout
 
 FIRST = "step"
 
 
-class ProbeFailed(RuntimeError):
-    """The process under observation did not do what it was asked."""
+class ProbeError(RuntimeError):
+    """The process under observation failed."""
 
 
 @dataclass(frozen=True)
-class Probed:
+class ProbeResult:
     """first_step_s: from just before the process was made to its first finished step. peak_mb: 10^6 bytes, or None."""
 
     first_step_s: float
@@ -46,9 +46,9 @@ def probe(
     first_step_only: bool = False,
     environment: dict[str, str] | None = None,
     clock: Callable[[], float] = time.perf_counter,
-) -> Probed:
+) -> ProbeResult:
     """Run a scenario (JSON data) with a recorder in a new process. Raises ProbeFailed."""
-    asked = {
+    request = {
         "scenario": scenario,
         "recorder": recorder,
         "recording": str(recording),
@@ -65,18 +65,18 @@ def probe(
     assert child.stdin is not None
     assert child.stdout is not None
     with child, child.stdin, child.stdout:
-        child.stdin.write(json.dumps(asked))
+        child.stdin.write(json.dumps(request))
         child.stdin.close()
         line = child.stdout.readline().strip()
         first_step_s = clock() - started
         rest = child.stdout.read()
     if line != FIRST or child.returncode != 0:
-        raise ProbeFailed(f"the process ended with exit code {child.returncode}, its output begins with {line!r}")
-    return Probed(first_step_s, **json.loads(rest))
+        raise ProbeError(f"the process ended with exit code {child.returncode}, its output begins with {line!r}")
+    return ProbeResult(first_step_s, **json.loads(rest))
 
 
 class _FirstStep:
-    """Observer that tells the parent when the first step is done, before anything else sees that step."""
+    """Observer that reports to the parent when the first step is done, before anything else sees that step."""
 
     def __init__(self, inner: Any, first_step_only: bool) -> None:
         self.inner, self.first_step_only = inner, first_step_only
@@ -86,39 +86,40 @@ class _FirstStep:
 
     def step(self, record: StepRecord) -> None:
         if record.step == 1:
-            print(FIRST, flush=True)
+            sys.stdout.write(f"{FIRST}\n")
+            sys.stdout.flush()
             if self.first_step_only:
-                raise _EnoughSeen
+                raise _StopRunError
         self.inner.step(record)
 
     def end(self, rollout: Rollout) -> None:
         self.inner.end(rollout)
 
 
-class _EnoughSeen(Exception):
+class _StopRunError(Exception):
     """Ends the run after its first step."""
 
 
 def main() -> None:
     """The process under observation."""
-    asked = json.loads(sys.stdin.read())
+    request = json.loads(sys.stdin.read())
     from simcore.rollout.rollout import run
     from simcore.scenario.scenario import Scenario
 
-    module, _, name = asked["recorder"].partition(":")
+    module, _, name = request["recorder"].partition(":")
     recorder = getattr(importlib.import_module(module), name)
-    scenario = Scenario.load(asked["scenario"])
+    scenario = Scenario.load(request["scenario"])
     status = "first step"
     try:
-        with recorder(Path(asked["recording"])) as observer:
-            status = str(run(scenario, _FirstStep(observer, asked["first_step_only"])).status)
-    except _EnoughSeen:
+        with recorder(Path(request["recording"])) as observer:
+            status = str(run(scenario, _FirstStep(observer, request["first_step_only"])).status)
+    except _StopRunError:
         pass
-    print(json.dumps({"peak_mb": peak_mb(), "status": status}))
+    json.dump({"peak_mb": peak_mb(), "status": status}, sys.stdout)
 
 
 def peak_mb() -> float | None:
-    """The most memory that this process held, 10^6 bytes; None where nobody counts.
+    """The most memory that this process held, 10^6 bytes; None where it is not counted.
 
     On Linux from /proc: `ru_maxrss` also counts what the parent held at the moment of the fork.
     """

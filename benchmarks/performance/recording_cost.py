@@ -6,10 +6,10 @@ import os
 import time
 from dataclasses import dataclass
 
-from benchmarks.builtin_scenarios import measured
+from benchmarks.builtin_scenarios import benchmark_scenario
 from benchmarks.measurements import Part, figure
-from benchmarks.performance.step_clock import Unusable
-from benchmarks.ports import Tools
+from benchmarks.performance.step_clock import MeasurementError
+from benchmarks.ports import BenchPorts
 from simcore.rollout.rollout import run
 from simcore.scenario.scenario import Scenario
 
@@ -17,7 +17,7 @@ ROUNDS = 7
 
 
 @dataclass(frozen=True)
-class Cost:
+class RunTimes:
     """Of one run, s: wall time of all of it, of its loop alone, and processor time."""
 
     whole_s: float
@@ -26,22 +26,22 @@ class Cost:
     processor_s: float  # of all threads and child processes
 
 
-def recording(tools: Tools) -> Part:
+def recording(ports: BenchPorts) -> Part:
     """Pairs of runs, alternating which comes first; the ratio is taken pair by pair.
 
-    Whole means wall time from before the recorder is opened until its file is closed: what whoever waits for the run
-    waits for. A recording of this length is not compacted. The same scenario runs without an observer, so its tissue
-    frames are copied either way. The recorder is imported and warm, as in a worker; Rerun encodes on a thread of its
-    own, which costs no wall time where a core is free. The processor ratio counts that thread, too, and the thread
-    ratio the simulating thread alone: on a busy machine these two say more than the wall time.
+    Whole means wall time from before the recorder is opened until its file is closed: what the user waits for. A
+    recording of this length is not compacted. The same scenario runs without an observer, so its tissue frames are
+    copied either way. The recorder is imported and warm, as in a worker; Rerun encodes on a thread of its own, which
+    costs no wall time where a core is free. The processor ratio counts that thread, too, and the thread ratio the
+    simulating thread alone: on a busy machine these two say more than the wall time.
     """
-    scenario = measured("sine", quick=tools.quick)
-    _cost(tools, scenario, True)  # the recorder is imported and warm now
+    scenario = benchmark_scenario("sine", quick=ports.quick)
+    _run_times(ports, scenario, True)  # the recorder is imported and warm now
     pairs = []
-    for number in range(tools.rounds(ROUNDS)):
-        tools.say(f"recording: pair {number + 1} of {tools.rounds(ROUNDS)}")
+    for number in range(ports.rounds(ROUNDS)):
+        ports.say(f"recording: pair {number + 1} of {ports.rounds(ROUNDS)}")
         order = (True, False) if number % 2 == 0 else (False, True)
-        costs = {on: _cost(tools, scenario, on) for on in order}
+        costs = {on: _run_times(ports, scenario, on) for on in order}
         pairs.append((costs[True], costs[False]))
     return Part(
         (
@@ -55,18 +55,18 @@ def recording(tools: Tools) -> Part:
     )
 
 
-def _cost(tools: Tools, scenario: Scenario, recorded: bool) -> Cost:
-    started, worked, simulated = tools.clock(), _processor_s(), time.thread_time()
+def _run_times(ports: BenchPorts, scenario: Scenario, recorded: bool) -> RunTimes:
+    started, worked, simulated = ports.clock(), _processor_s(), time.thread_time()
     if recorded:
-        with tools.recorder(tools.folder / "bench.rrd") as observer:
+        with ports.recorder(ports.folder / "bench.rrd") as observer:
             done = run(scenario, observer)
         warning = getattr(observer, "warning", None)
         if warning is not None:
-            raise Unusable(f"the recording is incomplete: {warning}")
+            raise MeasurementError(f"the recording is incomplete: {warning}")
     else:
         done = run(scenario)
     thread_s, processor_s = time.thread_time() - simulated, _processor_s() - worked
-    return Cost(tools.clock() - started, done.timing["loop_wall_s"], thread_s, processor_s)
+    return RunTimes(ports.clock() - started, done.timing["loop_wall_s"], thread_s, processor_s)
 
 
 def _processor_s() -> float:

@@ -84,7 +84,7 @@ class ReferenceStep:
 
 
 def shape_gradients(nodes_m: Vector, tets: Indices) -> tuple[Vector, Vector]:
-    """grad N_a (t, 4, 3) 1/m and volumes (t,) m3 of linear tetrahedra at rest."""
+    """Gradients of N_a (t, 4, 3) 1/m and volumes (t,) m3 of linear tetrahedra at rest."""
     edges = nodes_m[tets[:, 1:]] - nodes_m[tets[:, :1]]
     inner = np.swapaxes(np.linalg.inv(edges), 1, 2)
     gradients = np.concatenate([-inner.sum(axis=1, keepdims=True), inner], axis=1)

@@ -1,4 +1,4 @@
-"""How the step grows: with nodes (beside L0), with depth, with beams, with the time step."""
+"""How the step grows: with nodes (next to L0), with depth, with beams, with the time step."""
 
 from __future__ import annotations
 
@@ -6,10 +6,10 @@ from collections.abc import Callable
 
 import numpy as np
 
-from benchmarks.builtin_scenarios import changed, measured
+from benchmarks.builtin_scenarios import benchmark_scenario, with_blocks
 from benchmarks.measurements import EXPONENT_MARGIN, Figure, Part, Table, Target, figure
-from benchmarks.performance.step_clock import Timed, limit_of, timed_run
-from benchmarks.ports import Tools
+from benchmarks.performance.step_clock import TimedRun, limit_of, timed_run
+from benchmarks.ports import BenchPorts
 from benchmarks.svg_plot import Line, Panel, svg
 from simcore.scenario.scenario import Scenario
 
@@ -24,31 +24,31 @@ SOFA_DIRECT = {1080: 46.0, 2112: 182.0, 4200: 674.0, 7980: 2687.0}
 SOFA_STALE = {1080: 23.0, 2112: 59.0, 4200: 201.0, 7980: 997.0}
 
 
-def scaling(tools: Tools) -> Part:
+def scaling(ports: BenchPorts) -> Part:
     """Straight insertions with the default controller; the variants of one sweep take turns."""
-    base = measured("line", quick=tools.quick)
-    nodes, runs = _mesh_sweep(tools, base)
-    figures = [*_node_figures(nodes, runs), _depth(tools, runs)]
-    figures += _sweep(tools, "beams", {str(n): changed(base, needle={"elements": n}) for n in BEAMS})
-    figures += _sweep(tools, "dt", {f"{1e3 * dt:g}ms": changed(base, dt_s=dt) for dt in DTS_S})
+    base = benchmark_scenario("line", quick=ports.quick)
+    nodes, runs = _mesh_sweep(ports, base)
+    figures = [*_node_figures(nodes, runs), _depth(ports, runs)]
+    figures += _sweep(ports, "beams", {str(n): with_blocks(base, needle={"elements": n}) for n in BEAMS})
+    figures += _sweep(ports, "dt", {f"{1e3 * dt:g}ms": with_blocks(base, dt_s=dt) for dt in DTS_S})
     return Part(tuple(figures), (_table(nodes, runs),), {"scaling.svg": _plot(nodes, runs)})
 
 
-def _mesh_sweep(tools: Tools, base: Scenario) -> tuple[list[int], list[list[Timed]]]:
+def _mesh_sweep(ports: BenchPorts, base: Scenario) -> tuple[list[int], list[list[TimedRun]]]:
     """Node counts, and of each mesh its runs."""
-    edges = QUICK_EDGES_MM if tools.quick else EDGES_MM
-    scenarios = [changed(base, tissue={"element_size_mm": edge}) for edge in edges]
+    edges = QUICK_EDGES_MM if ports.quick else EDGES_MM
+    scenarios = [with_blocks(base, tissue={"element_size_mm": edge}) for edge in edges]
     limits = [limit_of(scenario) for scenario in scenarios]
-    runs: list[list[Timed]] = [[] for _ in scenarios]
-    for number in range(tools.rounds(ROUNDS)):
+    runs: list[list[TimedRun]] = [[] for _ in scenarios]
+    for number in range(ports.rounds(ROUNDS)):
         for i, scenario in enumerate(scenarios):
-            tools.say(f"scaling: h = {edges[i]:g} mm, round {number + 1} of {tools.rounds(ROUNDS)}")
-            runs[i].append(timed_run(scenario, limits[i], tools.clock))
+            ports.say(f"scaling: h = {edges[i]:g} mm, round {number + 1} of {ports.rounds(ROUNDS)}")
+            runs[i].append(timed_run(scenario, limits[i], ports.clock))
     return [len(limit.mesh.nodes_m) for limit in limits], runs
 
 
-def _node_figures(nodes: list[int], runs: list[list[Timed]]) -> list[Figure]:
-    def exponents(part: Callable[[Timed], float]) -> list[float]:
+def _node_figures(nodes: list[int], runs: list[list[TimedRun]]) -> list[Figure]:
+    def exponents(part: Callable[[TimedRun], float]) -> list[float]:
         return [fitted_exponent(nodes, [part(timed) for timed in round_]) for round_ in zip(*runs, strict=True)]
 
     limit = figure("scaling.limit.exponent", "", exponents(_limit))
@@ -62,55 +62,55 @@ def _node_figures(nodes: list[int], runs: list[list[Timed]]) -> list[Figure]:
     return figures
 
 
-def _whole(timed: Timed) -> float:
+def _whole(timed: TimedRun) -> float:
     return float(np.median(timed.whole_s))
 
 
-def _plant(timed: Timed) -> float:
+def _plant(timed: TimedRun) -> float:
     return float(np.median(timed.plant_s))
 
 
-def _limit(timed: Timed) -> float:
+def _limit(timed: TimedRun) -> float:
     return timed.limit_s
 
 
 def fitted_exponent(nodes: list[int], seconds: list[float]) -> float:
-    """p of the least-squares fit seconds ~ nodes^p."""
+    """The p of the least-squares fit seconds ~ nodes^p."""
     return float(np.polyfit(np.log(nodes), np.log(seconds), 1)[0])
 
 
-def _depth(tools: Tools, runs: list[list[Timed]]) -> Figure:
+def _depth(ports: BenchPorts, runs: list[list[TimedRun]]) -> Figure:
     """In the default mesh, the second of the sweep either way."""
-    shallow, deep = QUICK_DEPTHS if tools.quick else DEPTHS
+    shallow, deep = QUICK_DEPTHS if ports.quick else DEPTHS
     ratios = [timed.near(deep, WINDOW_M) / timed.near(shallow, WINDOW_M) for timed in runs[1]]
     return figure("scaling.depth.ratio", "x", ratios, note=f"{1e3 * deep:g} over {1e3 * shallow:g} mm")
 
 
-def _sweep(tools: Tools, name: str, scenarios: dict[str, Scenario]) -> list[Figure]:
+def _sweep(ports: BenchPorts, name: str, scenarios: dict[str, Scenario]) -> list[Figure]:
     limit = limit_of(next(iter(scenarios.values())))
-    runs: dict[str, list[Timed]] = {label: [] for label in scenarios}
-    for number in range(tools.rounds(ROUNDS)):
+    runs: dict[str, list[TimedRun]] = {label: [] for label in scenarios}
+    for number in range(ports.rounds(ROUNDS)):
         for label, scenario in scenarios.items():
-            tools.say(f"scaling: {name} {label}, round {number + 1} of {tools.rounds(ROUNDS)}")
-            runs[label].append(timed_run(scenario, limit, tools.clock))
+            ports.say(f"scaling: {name} {label}, round {number + 1} of {ports.rounds(ROUNDS)}")
+            runs[label].append(timed_run(scenario, limit, ports.clock))
     return [
         figure(f"scaling.{name}.{label}.step_ms", "ms", [1e3 * _whole(timed) for timed in repeated])
         for label, repeated in runs.items()
     ]
 
 
-def _middle(runs: list[list[Timed]], part: Callable[[Timed], float]) -> list[float]:
+def _middle(runs: list[list[TimedRun]], part: Callable[[TimedRun], float]) -> list[float]:
     return [1e3 * float(np.median([part(timed) for timed in repeated])) for repeated in runs]
 
 
-def _table(nodes: list[int], runs: list[list[Timed]]) -> Table:
+def _table(nodes: list[int], runs: list[list[TimedRun]]) -> Table:
     columns = zip(nodes, *(_middle(runs, part) for part in (_plant, _whole, _limit)), strict=True)
     rows = tuple((count, plant, whole, limit, whole / limit) for count, plant, whole, limit in columns)
     return Table("Median step over nodes", ("nodes", "plant ms", "whole step ms", "L0 ms", "whole in L0"), rows)
 
 
-def _plot(nodes: list[int], runs: list[list[Timed]]) -> str:
-    """The README's picture: plant, whole step and L0 beside one linearised step of SOFA."""
+def _plot(nodes: list[int], runs: list[list[TimedRun]]) -> str:
+    """The README's picture: plant, whole step and L0 next to one linearised step of SOFA."""
     x = [float(n) for n in nodes]
     lines = [
         Line("SOFA, refactored every step", [*map(float, SOFA_DIRECT)], [*SOFA_DIRECT.values()], dashed=True),

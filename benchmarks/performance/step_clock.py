@@ -10,10 +10,11 @@ from numpy.typing import NDArray
 from benchmarks.performance.reference_kernels import ReferenceStep
 from benchmarks.ports import Clock
 from simcore.errors import NeedlebenchError, Status
-from simcore.insertion.insertion import Insertion
 from simcore.mesh.mesh import BoxMesh
 from simcore.rollout.records import Scene, StepRecord
-from simcore.rollout.rollout import Rollout, run
+from simcore.rollout.result import Rollout
+from simcore.rollout.rollout import run
+from simcore.scenario.build import insertion_of
 from simcore.scenario.scenario import Scenario
 
 Vector = NDArray[np.float64]
@@ -22,12 +23,12 @@ LIMIT_EVERY_STEPS = 20
 LIMIT_PASSES = 5  # the first of them is thrown away: it finds the caches full of the simulation
 
 
-class Unusable(NeedlebenchError):
+class MeasurementError(NeedlebenchError):
     """A run that was to be timed did not reach its end."""
 
 
 @dataclass(frozen=True)
-class Timed:
+class TimedRun:
     """One timed run. whole_s: everything between two calls of the observer; plant_s, jacobian_s: as the run says, all
     (steps,) in seconds. depth_m: (steps,). limit_s: median of L0 during the run."""
 
@@ -57,7 +58,7 @@ class _StepClock:
         self.limit_s: list[float] = []
         self.left = 0.0
 
-    def begin(self, scene: Scene, first: StepRecord) -> None:
+    def begin(self, _scene: Scene, _first: StepRecord) -> None:
         self.left = self.clock()
 
     def step(self, record: StepRecord) -> None:
@@ -72,22 +73,22 @@ class _StepClock:
 
 def limit_of(scenario: Scenario) -> ReferenceStep:
     """L0 on the mesh and material of a scenario."""
-    tissue = Insertion(scenario).tissue
+    tissue = insertion_of(scenario).tissue
     if not isinstance(tissue.mesh, BoxMesh):
-        raise Unusable("the unit L0 is defined on the box mesh only")
+        raise MeasurementError("the unit L0 is defined on the box mesh only")
     held = np.flatnonzero(tissue.unknown < 0)
     return ReferenceStep(tissue.mesh, held, mu_pa=tissue.mu_pa, lambda_pa=tissue.lambda_pa)
 
 
-def timed_run(scenario: Scenario, limit: ReferenceStep, clock: Clock) -> Timed:
+def timed_run(scenario: Scenario, limit: ReferenceStep, clock: Clock) -> TimedRun:
     """Run a scenario without a recorder, L0 interleaved. Raises Unusable if it does not complete."""
     observer = _StepClock(limit, clock)
     done = run(scenario, observer, clock=clock)
     if done.status is not Status.COMPLETED:
-        raise Unusable(f"{scenario.name} ended as {done.status}: {done.message}")
+        raise MeasurementError(f"{scenario.name} ended as {done.status}: {done.message}")
     series = done.series
     limit_s = observer.limit_s or [limit.seconds(clock)]
-    return Timed(
+    return TimedRun(
         whole_s=np.array(observer.whole_s),
         plant_s=series["plant_s"][1:],
         jacobian_s=series["jacobian_s"][1:],

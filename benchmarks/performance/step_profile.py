@@ -11,15 +11,15 @@ from typing import Any
 
 import numpy as np
 
-from benchmarks.builtin_scenarios import measured
+from benchmarks.builtin_scenarios import benchmark_scenario
 from benchmarks.measurements import Part, Table
-from benchmarks.ports import Clock, Tools
-from simcore.controllers import ifem
-from simcore.controllers import plant_model as model
-from simcore.insertion import compliance, insertion, solver
-from simcore.rollout import rollout, series
+from benchmarks.ports import BenchPorts, Clock
+from simcore.controllers import ifem, plant_model
+from simcore.insertion import compliance, insertion, iteration
+from simcore.rollout import series
 from simcore.rollout.records import Scene, StepRecord
-from simcore.rollout.rollout import Rollout, run
+from simcore.rollout.result import Rollout
+from simcore.rollout.rollout import _Loop, run
 from simcore.scenario.scenario import Scenario
 
 PYTHON = "Python between the kernels"
@@ -41,7 +41,8 @@ STAGES = {  # kernel -> stage; a kernel that is not here is listed under its own
     "project_inactive": "constraint geometry",
     "inserted_rest_length": "constraint geometry",
     "tributary_lengths": "constraint geometry",
-    "tissue_residual": "residuals",
+    "free_residual": "residuals",
+    "add_needle_forces": "residuals",
     "needle_residual": "residuals",
     "staircases": "contact laws",
     "law_residual": "contact laws",
@@ -51,25 +52,25 @@ METHODS: tuple[tuple[Any, str, str, bool], ...] = (  # owner, name, stage, wheth
     (compliance.Compliance, "solve", "back-solve", True),
     (compliance.Compliance, "refactor", "refactor", True),
     (compliance.Compliance, "sync", "compliance columns and rows", True),
-    (solver.Coupled, "_move_tissue", "tissue moves by the columns", True),
+    (iteration, "move_tissue", "tissue moves by the columns", True),
     (insertion.Insertion, "_settle", "channel: cut, create, drop", True),
     (ifem.InverseFemController, "command", "command", False),
-    (model, "linearise", "Jacobian", True),
-    (rollout._Loop, "_record", "record of the step", True),
+    (plant_model, "linearise", "Jacobian", True),
+    (_Loop, "_record", "record of the step", True),
     (series.SeriesBuilder, "add", "series", True),
 )
 
 
-def profile(tools: Tools) -> Part:
+def profile(ports: BenchPorts) -> Part:
     """The share of each stage, along `line` and `sine`; the wrapped run is somewhat slower than a plain one."""
     tables = []
     for name in ("line", "sine"):
-        tools.say(f"profile: {name}")
-        scenario = measured(name, quick=tools.quick)
-        plain = _median_step(scenario, None, tools.clock)
-        stages = Stages(tools.clock)
-        with patched(stages):
-            wrapped = _median_step(scenario, stages, tools.clock)
+        ports.say(f"profile: {name}")
+        scenario = benchmark_scenario(name, quick=ports.quick)
+        plain = _median_step(scenario, None, ports.clock)
+        stages = Stages(ports.clock)
+        with patch_kernels(stages):
+            wrapped = _median_step(scenario, stages, ports.clock)
         title = f"One step along {name}; looking at it makes it {wrapped / plain:.2f} times as long"
         tables.append(stages.table(title, scenario.steps))
     text = "\n".join(f"### {table.title}\n\n{table.markdown()}" for table in tables)
@@ -132,17 +133,17 @@ class _Watch:
     def __init__(self, stages: Stages | None, clock: Clock) -> None:
         self.stages, self.clock, self.steps_s = stages, clock, list[float]()
 
-    def begin(self, scene: Scene, first: StepRecord) -> None:
+    def begin(self, _scene: Scene, _first: StepRecord) -> None:
         if self.stages is not None:
             self.stages.clear()
         self.left = self.clock()
 
-    def step(self, record: StepRecord) -> None:
+    def step(self, _record: StepRecord) -> None:
         now = self.clock()
         self.steps_s.append(now - self.left)
         self.left = now
 
-    def end(self, rollout: Rollout) -> None:
+    def end(self, _rollout: Rollout) -> None:
         if self.stages is not None:
             self.stages.total_s = float(np.sum(self.steps_s))
 
@@ -154,7 +155,7 @@ def _median_step(scenario: Scenario, stages: Stages | None, clock: Clock) -> flo
 
 
 @contextmanager
-def patched(stages: Stages) -> Iterator[None]:
+def patch_kernels(stages: Stages) -> Iterator[None]:
     """Every compiled kernel in the modules of simcore, and METHODS, replaced by timed ones while the context is open.
 
     Kernels must be compiled before: one that is compiled meanwhile would find a wrapper where it looks for a kernel.

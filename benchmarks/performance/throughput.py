@@ -2,21 +2,21 @@
 
 from __future__ import annotations
 
-from benchmarks.builtin_scenarios import measured
+from benchmarks.builtin_scenarios import benchmark_scenario
 from benchmarks.measurements import Part, figure
-from benchmarks.ports import Tools
+from benchmarks.ports import BenchPorts
 
 ROUNDS = 5
 
 
-def throughput(tools: Tools) -> Part:
+def throughput(ports: BenchPorts) -> Part:
     """Two equal jobs: a worker does both, then each of two workers does one; recorded as every job is."""
-    jobs = [measured("sine", quick=tools.quick)] * 2
+    jobs = [benchmark_scenario("sine", quick=ports.quick)] * 2
     alone, at_once = [], []
-    with tools.crew(2) as crew:
+    with ports.crew(2) as crew:
         crew.seconds([jobs[:1], jobs[1:]])  # files and both processes are warm now
-        for number in range(tools.rounds(ROUNDS)):
-            tools.say(f"throughput: round {number + 1} of {tools.rounds(ROUNDS)}")
+        for number in range(ports.rounds(ROUNDS)):
+            ports.say(f"throughput: round {number + 1} of {ports.rounds(ROUNDS)}")
             alone.append(crew.seconds([jobs, []] if number % 2 == 0 else [[], jobs]))
             at_once.append(crew.seconds([jobs[:1], jobs[1:]]))
     ratios = [one / two for one, two in zip(alone, at_once, strict=True)]

@@ -1,13 +1,13 @@
-"""A whole step along `line` and `sine`, in ms and in L0, with each form of the Jacobian that there is."""
+"""A whole step along `line` and `sine`, in ms and in L0, with each form of the Jacobian."""
 
 from __future__ import annotations
 
 import numpy as np
 
-from benchmarks.builtin_scenarios import measured, supported
-from benchmarks.measurements import Figure, Part, absent, figure
-from benchmarks.performance.step_clock import Timed, limit_of, timed_run
-from benchmarks.ports import Tools
+from benchmarks.builtin_scenarios import benchmark_scenario, is_supported
+from benchmarks.measurements import Figure, Part, figure, missing_figure
+from benchmarks.performance.step_clock import TimedRun, limit_of, timed_run
+from benchmarks.ports import BenchPorts
 
 ROUNDS = 5
 SLOW = ("exact", "perturbation")  # measured in the first round only: some 50 ms a step
@@ -16,42 +16,43 @@ EXACT = "controller.derivative=exact"
 PERTURBATION = "controller.jacobian=perturbation"
 
 
-def step(tools: Tools) -> Part:
+def step(ports: BenchPorts) -> Part:
     """Rounds of one run of each fast variant, so that a busy minute meets all of them; one run of each slow one."""
     variants = _variants()
     scenarios = {
-        name: measured(preset, quick=tools.quick, changes=changes) for name, (preset, changes) in variants.items()
+        name: benchmark_scenario(preset, quick=ports.quick, changes=changes)
+        for name, (preset, changes) in variants.items()
     }
     limit = limit_of(scenarios["line"])
-    runs: dict[str, list[Timed]] = {name: [] for name in scenarios}
-    for number in range(tools.rounds(ROUNDS)):
+    runs: dict[str, list[TimedRun]] = {name: [] for name in scenarios}
+    for number in range(ports.rounds(ROUNDS)):
         for name, scenario in scenarios.items():
             if number > 0 and name in SLOW:
                 continue
-            tools.say(f"step: {name}, round {number + 1} of {tools.rounds(ROUNDS)}")
-            runs[name].append(timed_run(scenario, limit, tools.clock))
+            ports.say(f"step: {name}, round {number + 1} of {ports.rounds(ROUNDS)}")
+            runs[name].append(timed_run(scenario, limit, ports.clock))
     return Part((*_basic("line", runs["line"]), *_basic("sine", runs["sine"]), *_tail(runs["sine"]), *_forms(runs)))
 
 
 def _variants() -> dict[str, tuple[str, tuple[str, ...]]]:
-    fast: tuple[str, ...] = (FAST,) if supported(FAST) else ()
+    fast: tuple[str, ...] = (FAST,) if is_supported(FAST) else ()
     variants: dict[str, tuple[str, tuple[str, ...]]] = {"line": ("line", fast), "sine": ("sine", fast)}
-    if supported(EXACT):
+    if is_supported(EXACT):
         variants["exact"] = ("sine", (EXACT,))
-    if supported(PERTURBATION):
+    if is_supported(PERTURBATION):
         variants["perturbation"] = ("sine", (PERTURBATION,))
     return variants
 
 
-def _medians(runs: list[Timed], part: str) -> list[float]:
+def _medians(runs: list[TimedRun], part: str) -> list[float]:
     return [float(np.median(getattr(timed, part))) for timed in runs]
 
 
-def _in_limits(runs: list[Timed], part: str) -> list[float]:
+def _in_limits(runs: list[TimedRun], part: str) -> list[float]:
     return [median / timed.limit_s for median, timed in zip(_medians(runs, part), runs, strict=True)]
 
 
-def _basic(name: str, runs: list[Timed]) -> list[Figure]:
+def _basic(name: str, runs: list[TimedRun]) -> list[Figure]:
     return [
         figure(f"step.{name}.plant_in_limits", "L0", _in_limits(runs, "plant_s")),
         figure(f"step.{name}.in_limits", "L0", _in_limits(runs, "whole_s")),
@@ -63,7 +64,7 @@ def _basic(name: str, runs: list[Timed]) -> list[Figure]:
     ]
 
 
-def _tail(runs: list[Timed]) -> list[Figure]:
+def _tail(runs: list[TimedRun]) -> list[Figure]:
     p99 = [float(np.percentile(timed.whole_s, 99) / np.median(timed.whole_s)) for timed in runs]
     worst = [float(timed.whole_s.max() / np.median(timed.whole_s)) for timed in runs]
     return [
@@ -72,18 +73,20 @@ def _tail(runs: list[Timed]) -> list[Figure]:
     ]
 
 
-def _forms(runs: dict[str, list[Timed]]) -> list[Figure]:
+def _forms(runs: dict[str, list[TimedRun]]) -> list[Figure]:
     """The other forms of the Jacobian; the key of the perturbation is the Jacobian alone."""
     figures = []
     if "exact" in runs:
         figures.append(figure("step.sine.exact_in_limits", "L0", _in_limits(runs["exact"], "whole_s")))
     else:
-        figures.append(absent("step.sine.exact_in_limits", "L0", "scenarios have no controller.derivative = exact"))
+        figures.append(
+            missing_figure("step.sine.exact_in_limits", "L0", "scenarios have no controller.derivative = exact")
+        )
     if "perturbation" in runs:
         alone, whole = (_in_limits(runs["perturbation"], part) for part in ("jacobian_s", "whole_s"))
         figures.append(figure("jacobian.perturbation.in_limits", "L0", alone, note="the Jacobian alone"))
         figures.append(figure("step.sine.perturbation_in_limits", "L0", whole))
     else:
         why = "scenarios have no controller.jacobian = perturbation"
-        figures.append(absent("jacobian.perturbation.in_limits", "L0", why))
+        figures.append(missing_figure("jacobian.perturbation.in_limits", "L0", why))
     return figures

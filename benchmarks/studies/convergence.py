@@ -1,8 +1,8 @@
-"""What the result owes to the discretisation: the same base poses replayed with another mesh, needle, time step,
+"""How the result depends on the discretisation: the same base poses replayed with another mesh, needle, time step,
 spacing, spread, with other fixed faces and solver tolerances.
 
 The tip alone hides locking and forces that depend on the mesh, so the force at the entry, the force on the base and
-sum |lambda| stand beside it.
+sum |lambda| are reported with it.
 """
 
 from __future__ import annotations
@@ -13,11 +13,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from benchmarks.builtin_scenarios import changed, measured
+from benchmarks.builtin_scenarios import benchmark_scenario, with_blocks
 from benchmarks.measurements import Part
-from benchmarks.observed_run import Observed, observe
-from benchmarks.ports import Tools
-from benchmarks.studies.convergence_report import Row, study_part
+from benchmarks.observed_run import ObservedRun, observe
+from benchmarks.ports import BenchPorts
+from benchmarks.studies.convergence_report import VariantRow, study_part
 from benchmarks.studies.replayed_poses import replay_block
 from simcore.scenario.scenario import Scenario
 
@@ -107,42 +107,44 @@ def _face_values() -> tuple[tuple[str, float, dict[str, Any]], ...]:
     return tuple((name, float(i), {"tissue": {"fixed_faces": faces}}) for i, (name, faces) in enumerate(sides.items()))
 
 
-def convergence(tools: Tools) -> Part:
+def convergence(ports: BenchPorts) -> Part:
     """The I-FEM run at the default, then all variants under its base poses."""
-    base = measured("sine", quick=tools.quick, changes=("recording.enabled=false",))
-    tools.say("convergence: the run whose base poses are replayed")
-    led = observe(base)
-    studies = sweeps(quick=tools.quick)
+    base = benchmark_scenario("sine", quick=ports.quick, changes=("recording.enabled=false",))
+    ports.say("convergence: the run whose base poses are replayed")
+    source_run = observe(base)
+    studies = sweeps(quick=ports.quick)
     scenarios = {
-        (s.name, label): _replay(base, led, changes, f"{s.name} {label}")
+        (s.name, label): _replay(base, source_run, changes, f"{s.name} {label}")
         for s in studies
         for label, _, changes in s.values
     }
     distinct = {scenario.model_dump_json(exclude={"name"}): scenario for scenario in scenarios.values()}
-    tools.say(f"convergence: {len(distinct)} replays")
-    with tools.crew(2) as crew:
+    ports.say(f"convergence: {len(distinct)} replays")
+    with ports.crew(2) as crew:
         results = dict(zip(distinct, crew.run_many(list(distinct.values())), strict=True))
     runs = {key: results[scenario.model_dump_json(exclude={"name"})] for key, scenario in scenarios.items()}
     speed_mm_s = base.trajectory.speed_mm_s
     rows = [row for sweep in studies for row in _rows(sweep, runs, speed_mm_s)]
     depth_runs = {label: runs["mesh", label] for label, _, _ in studies[0].values}
-    return study_part(base, led, [(s.name, s.x_label, s.log, s.named) for s in studies], rows, depth_runs)
+    return study_part(base, source_run, [(s.name, s.x_label, s.log, s.named) for s in studies], rows, depth_runs)
 
 
-def _replay(base: Scenario, led: Observed, changes: dict[str, Any], name: str) -> Scenario:
+def _replay(base: Scenario, source_run: ObservedRun, changes: dict[str, Any], name: str) -> Scenario:
     dt_s = changes.get("dt_s", base.dt_s)
-    poses = replay_block(led.series, dt_s=base.dt_s, new_dt_s=dt_s)
-    return changed(base, **changes, controller=poses, name=name)
+    poses = replay_block(source_run.series, dt_s=base.dt_s, new_dt_s=dt_s)
+    return with_blocks(base, **changes, controller=poses, name=name)
 
 
-def _rows(sweep: Sweep, runs: dict[tuple[str, str], Observed], speed_mm_s: float) -> list[Row]:
+def _rows(sweep: Sweep, runs: dict[tuple[str, str], ObservedRun], speed_mm_s: float) -> list[VariantRow]:
     reference = runs[sweep.name, sweep.reference]
     return [
         _row(sweep, label, place, runs[sweep.name, label], reference, speed_mm_s) for label, place, _ in sweep.values
     ]
 
 
-def _row(sweep: Sweep, label: str, place: float, run: Observed, reference: Observed, speed_mm_s: float) -> Row:
+def _row(
+    sweep: Sweep, label: str, place: float, run: ObservedRun, reference: ObservedRun, speed_mm_s: float
+) -> VariantRow:
     end_s = min(run.series["t_s"][-1], reference.series["t_s"][-1])
     samples = np.arange(SAMPLES_MM, end_s * speed_mm_s + 1e-9, SAMPLES_MM) / speed_mm_s
     times = np.append(samples, end_s)
@@ -151,7 +153,7 @@ def _row(sweep: Sweep, label: str, place: float, run: Observed, reference: Obser
         at_times(run, name, times) for name in ("entry_force_n", "insertion_force_n", "lateral_sum_n")
     )
     pushed_reference = at_times(reference, "insertion_force_n", times)
-    return Row(
+    return VariantRow(
         sweep=sweep.name,
         variant=label,
         place=place,
@@ -174,7 +176,7 @@ def _row(sweep: Sweep, label: str, place: float, run: Observed, reference: Obser
     )
 
 
-def at_times(run: Observed, name: str, times_s: Vector) -> Vector:
+def at_times(run: ObservedRun, name: str, times_s: Vector) -> Vector:
     """A series, scalar or vector, at the given times, linear between steps."""
     known, values = run.series["t_s"], run.series[name]
     if values.ndim == 1:

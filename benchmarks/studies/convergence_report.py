@@ -8,11 +8,11 @@ from collections.abc import Sequence
 from dataclasses import astuple, dataclass, fields
 
 from benchmarks.measurements import Figure, Part, Table, figure
-from benchmarks.observed_run import Observed
+from benchmarks.observed_run import ObservedRun
 from benchmarks.svg_plot import Line, Panel, svg
 from simcore.scenario.scenario import Scenario
 
-MEASURES = (  # field of Row, title, unit
+MEASURES = (  # field of VariantRow, title, unit
     ("tip_max_mm", "largest tip difference", "mm"),
     ("entry_mean_n", "mean lateral force at the entry", "N"),
     ("push_mean_n", "mean axial force on the base", "N"),
@@ -31,7 +31,7 @@ TITLES = {
 
 
 @dataclass(frozen=True)
-class Row:
+class VariantRow:
     """One variant. Differences are to the sweep's reference at the same time; means and maxima are over the depth."""
 
     sweep: str
@@ -57,15 +57,15 @@ class Row:
 
 def study_part(
     base: Scenario,
-    led: Observed,
+    source_run: ObservedRun,
     sweeps: Sequence[tuple[str, str, bool, bool]],
-    rows: list[Row],
-    depth_runs: dict[str, Observed],
+    rows: list[VariantRow],
+    depth_runs: dict[str, ObservedRun],
 ) -> Part:
     """Everything that is written. sweeps: name, label of the axis, logarithmic, named values."""
     tables = [_table(name, [row for row in rows if row.sweep == name]) for name, *_ in sweeps]
     files = {
-        "convergence.md": _markdown(base, led, tables),
+        "convergence.md": _markdown(base, source_run, tables),
         "convergence.csv": _csv(rows),
         "convergence.svg": _picture(sweeps, rows),
         "convergence_depth.svg": _depth_picture(base, depth_runs),
@@ -73,7 +73,7 @@ def study_part(
     return Part(tuple(_figure(name, rows) for name, *_ in sweeps), tuple(tables), files)
 
 
-def _figure(name: str, rows: list[Row]) -> Figure:
+def _figure(name: str, rows: list[VariantRow]) -> Figure:
     """Largest tip difference: of the default from the finest; where the default is the reference, of any variant."""
     mine = [row for row in rows if row.sweep == name]
     default = next(row for row in mine if row.default)
@@ -82,7 +82,7 @@ def _figure(name: str, rows: list[Row]) -> Figure:
     return figure(f"convergence.{name}.tip_mm", "mm", [default.tip_max_mm], note="default from the finest")
 
 
-def _table(name: str, rows: list[Row]) -> Table:
+def _table(name: str, rows: list[VariantRow]) -> Table:
     columns = (
         "variant", "status", "tip end mm", "tip max mm", "entry mean N", "entry max N", "push mean N", "push diff N",
         "sum λ mean N", "sum λ max N", "λ ratio", "min det F", "iterations",
@@ -101,19 +101,20 @@ def _table(name: str, rows: list[Row]) -> Table:
     )  # fmt: skip
 
 
-def _label(row: Row) -> str:
+def _label(row: VariantRow) -> str:
     marks = [mark for mark, on in (("default", row.default), ("reference", row.reference)) if on]
     return f"{row.variant} ({', '.join(marks)})" if marks else row.variant
 
 
-def _markdown(base: Scenario, led: Observed, tables: list[Table]) -> str:
-    rmse = led.metrics["rmse_mm"]
+def _markdown(base: Scenario, source_run: ObservedRun, tables: list[Table]) -> str:
+    rmse = source_run.metrics["rmse_mm"]
     head = [
         "# Convergence",
         "",
-        f"Base poses of an I-FEM run along `{base.name}` with the default discretisation ({led.metrics['steps']} steps,"
-        f" {led.status}, RMSE {'-' if rmse is None else f'{rmse:.3f}'} mm), replayed in every variant; at another time"
-        " step they are interpolated. Tip and push differences are to the variant marked as reference, at the same"
+        f"Base poses of an I-FEM run along `{base.name}` with the default discretisation ("
+        f"{source_run.metrics['steps']} steps, {source_run.status}, RMSE {'-' if rmse is None else f'{rmse:.3f}'} mm),"
+        " replayed in every variant; at another time step they are interpolated. Tip and push differences are to the"
+        " variant marked as reference, at the same"
         " time. Entry: lateral force at the constraint point nearest to the entry. Push: axial force of the robot on"
         " the base. λ: lateral constraint forces; their ratio is sum |λ| / |sum λ|, large where neighbouring points"
         " fight each other. Means and maxima are over the insertion, sampled every millimetre. Fixed faces: y = both"
@@ -127,15 +128,15 @@ def _markdown(base: Scenario, led: Observed, tables: list[Table]) -> str:
     return "\n".join(head) + "\n".join(f"\n## {table.title}\n\n{table.markdown()}" for table in tables)
 
 
-def _csv(rows: list[Row]) -> str:
+def _csv(rows: list[VariantRow]) -> str:
     text = io.StringIO()
     writer = csv.writer(text, lineterminator="\n")
-    writer.writerow([field.name for field in fields(Row)])
+    writer.writerow([field.name for field in fields(VariantRow)])
     writer.writerows(astuple(row) for row in rows)
     return text.getvalue()
 
 
-def _picture(sweeps: Sequence[tuple[str, str, bool, bool]], rows: list[Row]) -> str:
+def _picture(sweeps: Sequence[tuple[str, str, bool, bool]], rows: list[VariantRow]) -> str:
     """A row of panels for each sweep, a column for each measure."""
     grid = []
     for name, x_label, log, named in sweeps:
@@ -158,7 +159,7 @@ def _picture(sweeps: Sequence[tuple[str, str, bool, bool]], rows: list[Row]) -> 
     return svg(grid, title="The same base poses, another discretisation", width=1280, height=250)
 
 
-def _depth_picture(base: Scenario, runs: dict[str, Observed]) -> str:
+def _depth_picture(base: Scenario, runs: dict[str, ObservedRun]) -> str:
     speed = base.trajectory.speed_mm_s
     panels = []
     for name, title in (

@@ -1,7 +1,7 @@
 """The force curve: push straight in, hold, pull out.
 
-What the contact laws predict stands beside what came out, and so do forces measured in bovine liver (`bovine_liver`:
-Okamura et al. 2004, needle of 1.27 mm, ex vivo).
+The table compares the result with what the contact laws predict and with forces measured in bovine liver
+(`bovine_liver`: Okamura et al. 2004, needle of 1.27 mm, ex vivo).
 """
 
 from __future__ import annotations
@@ -14,18 +14,18 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from benchmarks.builtin_scenarios import changed, measured
+from benchmarks.builtin_scenarios import benchmark_scenario, with_blocks
 from benchmarks.measurements import Figure, Part, Table, figure
-from benchmarks.observed_run import Observed, observe
-from benchmarks.performance.step_clock import Unusable
-from benchmarks.ports import Tools
+from benchmarks.observed_run import ObservedRun, observe
+from benchmarks.performance.step_clock import MeasurementError
+from benchmarks.ports import BenchPorts
 from benchmarks.studies.bovine_liver import (
     CITATION,
     CUTTING_N,
     DEEPEST_MM,
     PUNCTURE_DEPTH_MM,
     PUNCTURE_N,
-    Measured,
+    MeanAndDeviation,
     friction_n_per_mm,
 )
 from benchmarks.svg_plot import Band, Line, Panel, svg
@@ -76,14 +76,14 @@ class Shape:
     work_j: float
 
 
-def forces(tools: Tools) -> Part:
+def forces(ports: BenchPorts) -> Part:
     """One straight insertion, held and withdrawn."""
-    depth = QUICK_DEPTH_MM if tools.quick else DEPTH_MM
-    scenario = push_hold_pull(measured("replay", quick=False), depth, edge_mm=10.0 if tools.quick else 6.0)
-    tools.say(f"forces: {scenario.steps} steps, push to {depth:g} mm, hold, pull out")
+    depth = QUICK_DEPTH_MM if ports.quick else DEPTH_MM
+    scenario = push_hold_pull(benchmark_scenario("replay", quick=False), depth, edge_mm=10.0 if ports.quick else 6.0)
+    ports.say(f"forces: {scenario.steps} steps, push to {depth:g} mm, hold, pull out")
     run = observe(scenario)
     if run.status != "completed":
-        raise Unusable(f"the insertion ended as {run.status}: {run.message}")
+        raise MeasurementError(f"the insertion ended as {run.status}: {run.message}")
     curve = _curve(run, depth, scenario.dt_s)
     shape = read_off(curve)
     table = _table(shape, scenario)
@@ -102,7 +102,7 @@ def push_hold_pull(base: Scenario, depth_mm: float, *, edge_mm: float) -> Scenar
     x, y, z = base.trajectory.entry_mm
     height = z - base.needle.length_mm
     poses = [[x, y, round(float(height + s), 9), 1.0, 0.0, 0.0, 0.0] for s in travel]
-    return changed(
+    return with_blocks(
         base,
         name="push, hold, pull",
         tissue={"element_size_mm": edge_mm},
@@ -112,7 +112,7 @@ def push_hold_pull(base: Scenario, depth_mm: float, *, edge_mm: float) -> Scenar
     )
 
 
-def _curve(run: Observed, depth_mm: float, dt_s: float) -> Curve:
+def _curve(run: ObservedRun, depth_mm: float, dt_s: float) -> Curve:
     series = run.series
     travel = 1e3 * (series["base_position_m"][:, 2] - series["base_position_m"][0, 2])
     held = int(np.argmax(travel >= depth_mm - 1e-6)) + 1
@@ -167,7 +167,7 @@ def _figures(shape: Shape) -> list[Figure]:
 def _table(shape: Shape, scenario: Scenario) -> Table:
     laws = scenario.interaction
     way_in, out = (friction_n_per_mm(way, SPEED_MM_S) for way in ("in", "out"))
-    way_out = Measured(-out.mean, out.deviation)
+    way_out = MeanAndDeviation(-out.mean, out.deviation)
     rows = (
         ("largest force before puncture, N", shape.puncture_n, laws.puncture_n, str(PUNCTURE_N)),
         ("base travel at puncture, mm", shape.puncture_travel_mm, None, str(PUNCTURE_DEPTH_MM)),
@@ -221,7 +221,7 @@ def _beside_liver(curve: Curve) -> Panel:
         Line(f"liver, cutting at 3 mm/s + friction at {SPEED_MM_S:g} mm/s", ends, mean, dashed=True, markers=False),
         Line("the same, one standard deviation", [*ends, gap, *ends], [*high, gap, *low], dashed=True, markers=False),
     )
-    title = f"The push beside bovine liver ex vivo, needle of 1.27 mm ({CITATION})"
+    title = f"The push compared with bovine liver ex vivo, needle of 1.27 mm ({CITATION})"
     return Panel(title, "base travel from first touch, mm", "axial force, N", lines, y_zero=True)
 
 

@@ -11,18 +11,17 @@ from pydantic import BaseModel, ConfigDict, Field, StringConstraints, model_vali
 from benchmarks.cases import Case, Suite
 from benchmarks.grid.suite import grid
 from benchmarks.paper.suites import suite
-from service.admission.cost import Cost, check_cost, time_limit_s
-from service.api.idempotency import content_hash
-from service.api.schemas.jobs import TIME_LIMIT, TimeLimit
+from service.admission.cost import TYPICAL_STEP_S, Cost, check_cost, time_limit_s
 from service.files.upload_names import UploadLookup
-from service.limits import Limits
+from service.settings import Limits
 from service.store.campaign import CampaignPlan, PlannedJob
+from service.store.job import TIME_LIMIT, TimeLimit, content_hash
 from simcore.errors import Problem, ScenarioError
 from simcore.file_names import names_mean
 from simcore.scenario.presets import start
 from simcore.scenario.scenario import Scenario
 
-LOW_PRIORITY = -10  # single jobs, which somebody waits for, go first
+LOW_PRIORITY = -10  # single jobs, which people wait for, go first
 
 
 class CampaignRequest(BaseModel):
@@ -43,10 +42,10 @@ class CampaignRequest(BaseModel):
     )
 
     name: Annotated[str, StringConstraints(min_length=1, max_length=100)] | None = Field(
-        None, description="What lists call it; default: the suite's name, or grid."
+        None, description="Its name in lists; default: the suite's name, or grid."
     )
     suite: Annotated[str, StringConstraints(min_length=1, max_length=100)] | None = Field(
-        None, description="Name of a suite, as /api/v1/suites lists them."
+        None, description="Name of a suite; /api/v1/suites lists them."
     )
     model: Annotated[str, StringConstraints(min_length=1, max_length=200)] = Field(
         "default", description="Model of the suite's learned controllers: default, or artefact:ID of an upload."
@@ -63,16 +62,16 @@ class CampaignRequest(BaseModel):
     timeout_s: TimeLimit | None = Field(None, description=f"Of each job. {TIME_LIMIT}")
 
     @model_validator(mode="after")
-    def _one_of_both(self) -> CampaignRequest:
+    def _suite_or_grid(self) -> CampaignRequest:
         if (self.suite is None) == (self.grid is None):
             raise ValueError("must have either suite or grid")
         if self.suite is not None and self.scenario is not None:
-            raise ValueError("has a scenario, which belongs to a grid; a suite brings its own")
+            raise ValueError("has a scenario, which only a grid may have; a suite brings its own")
         return self
 
 
 def suite_of(request: CampaignRequest) -> Suite:
-    """The cases that were asked for. Raises ScenarioError."""
+    """The requested cases. Raises ScenarioError."""
     if request.suite is not None:
         return suite(request.suite, model=request.model)
     base = request.scenario or {}
@@ -82,7 +81,7 @@ def suite_of(request: CampaignRequest) -> Suite:
 
 @dataclass(frozen=True)
 class Planner:
-    """Makes campaigns of requests. lookup: gives what the names of files in scenarios mean; limits: of each job."""
+    """Turns requests into campaigns. lookup: resolves the names of files in scenarios; limits: of each job."""
 
     lookup: Callable[[], UploadLookup]
     limits: Limits
@@ -90,15 +89,20 @@ class Planner:
     def plan(self, request: CampaignRequest) -> CampaignPlan:
         """The campaign with all of its jobs. Raises ScenarioError, also for a job that would cost too much."""
         with names_mean(lookup := self.lookup()):
-            made = _planned(request, self.limits)
-        return replace(made, uploads=tuple(sorted(lookup.used)))
+            plan = _plan(request, self.limits)
+        return replace(plan, uploads=tuple(sorted(lookup.used)))
 
     def of_stored(self, request: dict[str, Any]) -> CampaignPlan:
         """The campaign of a stored request. Raises ScenarioError."""
         return self.plan(CampaignRequest.model_validate(request))
 
 
-def _planned(request: CampaignRequest, limits: Limits) -> CampaignPlan:
+def estimated_time_s(plan: CampaignPlan, *, step_s: float | None, workers: int) -> float:
+    """Wall time of a campaign if nothing else runs. step_s: recent time of a step, None before the first job."""
+    return sum(job.steps for job in plan.jobs) * (step_s or TYPICAL_STEP_S) / workers
+
+
+def _plan(request: CampaignRequest, limits: Limits) -> CampaignPlan:
     cases = suite_of(request)
     if not cases.cases:
         raise ScenarioError([Problem("suite", cases.name, "has no cases")])

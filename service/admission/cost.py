@@ -1,8 +1,8 @@
-"""What a job will cost, before it runs: steps, nodes, time, memory. Good to a factor of two or so.
+"""What a job will cost, before it runs: steps, nodes, time, memory. Accurate to about a factor of two.
 
 A step solves with the banded factor of the tissue, so its time grows with unknowns x band; the constants [ours] are
 fitted to process CPU times of full insertions at element sizes of 10 to 3 mm on a 2.6 GHz server core. Memory is
-counted: what eats it is the factor, 4 bytes x unknowns x band, kept as matrix, as factor and as the one before.
+counted: most of it is the factor, 4 bytes x unknowns x band, kept as matrix, as factor and as the previous factor.
 """
 
 from __future__ import annotations
@@ -12,23 +12,22 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from service.limits import Limits
+from service.settings import Limits
 from simcore.errors import Problem, ScenarioError
-from simcore.mesh.reader import load_mesh
 from simcore.scenario.blocks import Tissue
 from simcore.scenario.controller_blocks import InverseFem, SeparateModel
 from simcore.scenario.scenario import Scenario
-from simcore.tissue.model import free_node_order, half_bandwidth, held_nodes
 
+TYPICAL_STEP_S = 3e-3  # of a step, where no job has been measured yet
 BASE_MB = 400.0  # Python with every library of a job, Rerun too
 STEP_MS, MS_PER_NODE, MS_PER_ENTRY = 1.0, 1.0e-3, 3.0e-6  # entry: one of the factor's band
 EXACT_STEPS, PERTURBATION_STEPS = 12.0, 11.0  # a Jacobian of this kind takes as long as so many steps
-FACTORS = 3  # the matrix, its factor, and the factor of before while the next is made
+FACTORS = 3  # the matrix, its factor, and the previous factor while the next is computed
 BYTES_PER_NODE = 5000  # of arrays by node and by tetrahedron
 BYTES_PER_STEP = 1500
-LEAST_LIMIT_S, MOST_LIMIT_S = 3600.0, 86400.0  # what an attempt may take if nobody says
-PATIENCE = 4.0  # estimates that it may take: they are rough, and machines slow
-FRAME_BYTES_PER_NODE = 48  # positions in a recorded frame, and once more while the series is put together
+LEAST_LIMIT_S, MOST_LIMIT_S = 3600.0, 86400.0  # default limits of an attempt
+PATIENCE = 4.0  # estimates that a job may take: they are rough, and machines differ
+FRAME_BYTES_PER_NODE = 48  # positions in a recorded frame, twice: the series is assembled from them
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -52,17 +51,17 @@ class Cost:
         )
 
 
-def time_limit_s(asked: float | None, *costs: Cost) -> float:
-    """Wall time that an attempt may take: as asked; else an hour, or four times the longest estimate, up to a day."""
-    if asked is not None:
-        return asked
+def time_limit_s(requested: float | None, *costs: Cost) -> float:
+    """Most wall time of an attempt: as requested; else an hour, or four times the longest estimate, up to a day."""
+    if requested is not None:
+        return requested
     longest = max(cost.time_s for cost in costs)
     return min(MOST_LIMIT_S, max(LEAST_LIMIT_S, PATIENCE * longest))
 
 
 @dataclass(frozen=True)
 class _Size:
-    """Of one finite element model. unknowns: degrees of freedom that are not held; band: half-bandwidth in them."""
+    """Of one finite element model. unknowns: free degrees of freedom; band: half-bandwidth in them."""
 
     nodes: int
     unknowns: int
@@ -106,8 +105,8 @@ def check_cost(scenario: Scenario, limits: Limits) -> Cost:
     mesh = "tissue.mesh_file" if scenario.tissue.mesh_file is not None else "tissue.element_size_mm"
     size = scenario.tissue.mesh_file or scenario.tissue.element_size_mm
     problems = [
-        Problem(field, value, f"{told}, at most {most} are allowed here ({cost})")
-        for field, value, told, over, most in (
+        Problem(field, value, f"{effect}, at most {most} are allowed here ({cost})")
+        for field, value, effect, over, most in (
             (mesh, size, f"gives {cost.nodes} nodes", cost.nodes > limits.nodes, limits.nodes),
             ("dt_s", scenario.dt_s, f"gives {cost.steps} steps", cost.steps > limits.steps, limits.steps),
             (
@@ -146,7 +145,10 @@ def _box_size(tissue: Tissue) -> _Size:
 
 
 def _file_size(tissue: Tissue, name: str) -> _Size:
+    from simcore.mesh.numbering import free_node_order, half_bandwidth, held_nodes
+    from simcore.mesh.reader import load_mesh  # with the mesh kernels: only where there is a mesh file
+
     mesh = load_mesh(name, unit_mm=tissue.mesh_unit_mm, names=tissue.fixed_sets, sha256=tissue.mesh_sha256)
-    unknown = free_node_order(mesh, held_nodes(mesh, tissue))
+    unknown = free_node_order(mesh, held_nodes(mesh, tissue.fixed_faces, tissue.fixed_sets))
     free = int(np.count_nonzero(unknown >= 0))
     return _Size(len(mesh.nodes_m), 3 * free, half_bandwidth(mesh.tets, unknown))

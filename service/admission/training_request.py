@@ -1,4 +1,4 @@
-"""A training as it is asked for: which regressor learns from which data set; what it costs, before it is queued."""
+"""A request to train: which regressor learns from which data set, and what that costs, before it is queued."""
 
 from __future__ import annotations
 
@@ -9,21 +9,20 @@ from typing import Annotated, Any, Literal
 from pydantic import BaseModel, ConfigDict, Field
 
 from service.files.upload_names import SCHEME, UPLOAD_ID
-from service.limits import Limits
+from service.settings import Limits
 from service.store.uploads import Upload
-from service.worker.training_job import SETTINGS, untrained
+from service.worker.training_job import SETTINGS, STAGES, new_regressor
 from simcore.errors import Problem, ScenarioError
-from simcore.learning.regressor import DataError
-from simcore.learning.trained import INPUTS, MAXIMUM_MB, OUTPUTS
 
 ModelKind = Literal["elm", "linear", "neighbours", "mlp"]
+STEPS = len(STAGES)  # of a training job
 BASE_MB = 400.0  # Python with the libraries of a training
-COPIES = 4  # of the table that a ridge solution is found from
+COPIES = 4  # of the table that the ridge solution is computed from
 BYTES_OF_A_NUMBER = 26  # in a model's file
 
 
 class TrainRequest(BaseModel):
-    """A model to be trained. Of the settings only those of its kind may be given; null = that of the kind."""
+    """A model to be trained. Only settings of its kind may be given; null = the default of the kind."""
 
     model_config = ConfigDict(
         extra="forbid",
@@ -38,8 +37,8 @@ class TrainRequest(BaseModel):
     data: Annotated[
         str, Field(pattern=rf"^{SCHEME}{UPLOAD_ID}$", max_length=100, description="The data set: artefact:ID.")
     ]
-    kind: Annotated[ModelKind, Field(description="Of the regressor, and of the controller that steers by it.")] = "elm"
-    name: Annotated[str | None, Field(min_length=1, max_length=100, description="What lists call it.")] = None
+    kind: Annotated[ModelKind, Field(description="Of the regressor and of the controller that steers by it.")] = "elm"
+    name: Annotated[str | None, Field(min_length=1, max_length=100, description="Its name in lists.")] = None
     nodes: Annotated[int | None, Field(strict=True, ge=1, le=10_000, description="Of the elm; 25 [paper].")] = None
     ridge: Annotated[
         float | None,
@@ -60,7 +59,7 @@ class TrainRequest(BaseModel):
         Field(description="How 10 % are held out: single rows [paper], or whole insertions."),
     ] = "sample"
     samples: Annotated[
-        int | None, Field(strict=True, ge=2, le=10**9, description="Learn from so many rows only; by default from all.")
+        int | None, Field(strict=True, ge=2, le=10**9, description="Learn from only so many rows; default: all.")
     ] = None
     priority: Annotated[int, Field(strict=True, ge=-100, le=100, description="Higher runs first.")] = 0
     timeout_s: Annotated[
@@ -68,39 +67,48 @@ class TrainRequest(BaseModel):
     ] = 3600.0
 
     def resolved(self) -> dict[str, Any]:
-        """What the worker is told: data, kind, every setting, split, samples. Raises ScenarioError."""
+        """The specification for the worker: data, kind, every setting, split, samples. Raises ScenarioError."""
         known = SETTINGS[self.kind]
         every = dict.fromkeys(name for names in SETTINGS.values() for name in names)
         given = {name: value for name in every if (value := getattr(self, name)) is not None}
         problems = [
-            Problem(name, value, f"is no setting of {self.kind}, which has {', '.join(known)}")
+            Problem(name, value, f"is not a setting of {self.kind}, which has {', '.join(known)}")
             for name, value in given.items()
             if name not in known
         ]
         if self.kind == "mlp" and importlib.util.find_spec("sklearn") is None:
-            problems.append(Problem("kind", self.kind, "needs scikit-learn where the service runs, which has none"))
+            problems.append(Problem("kind", self.kind, "needs scikit-learn, which the service does not have"))
         if self.name is not None and not self.name.isprintable():
             problems.append(Problem("name", self.name, "must be printable characters"))
         if problems:
             raise ScenarioError(problems)
+        from simcore.learning.regressor import DataError
+
         try:
-            settings = untrained(self.kind, given).settings()
+            settings = new_regressor(self.kind, given).settings()
         except DataError as error:
             raise ScenarioError([Problem("kind", self.kind, str(error))]) from None
         names = ("data", "kind", "split", "samples")
         return {**{name: getattr(self, name) for name in names}, "settings": settings}
 
 
+def settings_by_kind() -> dict[str, tuple[str, ...]]:
+    """The names of the settings that each kind of model has."""
+    return SETTINGS
+
+
 def check_training(training: dict[str, Any], data: Upload, limits: Limits) -> None:
-    """Whether the data set can be learned from so, within the limits. Raises ScenarioError."""
+    """Raises ScenarioError unless the data set suits the training and the cost is within the limits."""
+    from simcore.learning.trained import MAXIMUM_MB
+
     reference = training["data"]
     if data.kind != "dataset":
         raise ScenarioError([Problem("data", reference, f"is a {data.kind}, not a data set")])
-    learned, tested = data.content["splits"][training["split"]]
-    if not learned or not tested:
-        message = f"leaves {learned} rows to learn from and {tested} to test: the data set is too small"
+    training_rows, test_rows = data.content["splits"][training["split"]]
+    if not training_rows or not test_rows:
+        message = f"leaves {training_rows} rows to learn from and {test_rows} to test on: the data set is too small"
         raise ScenarioError([Problem("split", training["split"], message)])
-    rows = min(learned, training["samples"] or learned)
+    rows = min(training_rows, training["samples"] or training_rows)
     memory_mb, file_mb = cost_mb(training, rows, data.content["rows"])
     field = {"elm": "nodes", "mlp": "hidden"}.get(training["kind"], "samples")
     value = training["settings"].get(field, training["samples"])
@@ -114,9 +122,11 @@ def check_training(training: dict[str, Any], data: Upload, limits: Limits) -> No
 
 
 def cost_mb(training: dict[str, Any], rows: int, all_rows: int) -> tuple[float, float]:
-    """Memory that the training needs and length of the model's file, MB. Good to a factor of two or so."""
+    """Memory of the training and size of the model's file, MB. Accurate to about a factor of two."""
+    from simcore.learning.trained import INPUTS, OUTPUTS
+
     settings, kind = training["settings"], training["kind"]
-    shapes = untrained(kind, settings).shapes(INPUTS, OUTPUTS)
+    shapes = new_regressor(kind, settings).shapes(INPUTS, OUTPUTS)
     numbers = sum(math.prod(rows if length == -1 else length for length in shape) for shape in shapes.values())
     columns = settings["nodes"] if kind == "elm" else INPUTS
     solved = COPIES * (rows + columns) * columns if kind in ("elm", "linear") else 0

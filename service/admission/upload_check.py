@@ -1,7 +1,7 @@
-"""Looks into a file that was sent in, in a process of its own with little memory and time.
+"""Inspects an uploaded file, in a process of its own with little memory and time.
 
-What comes from elsewhere can be made to expand without end or to crash the library that reads it: that must cost the
-service nothing but a refusal.
+A hostile file can be made to expand without end or to crash the library that reads it: the service must survive that
+and refuse it.
 """
 
 from __future__ import annotations
@@ -24,36 +24,36 @@ MAXIMUM_ARRAYS_MB = 256
 MAXIMUM_DEPTH = 50
 
 
-class BadUpload(ValueError):
-    """The content is not what its suffix promises; says why."""
+class UnusableUploadError(ValueError):
+    """The content does not match its suffix; says why."""
 
 
-def checked(path: Path, kind: str) -> dict[str, Any]:
-    """What is in the file: counts for a mesh, rows for a data set, settings and origin of a model. Raises BadUpload."""
+def inspect(path: Path, kind: str) -> dict[str, Any]:
+    """The content: counts of a mesh, rows of a data set, settings and origin of a model. Raises UnusableUploadError."""
     command = [sys.executable, "-m", "service.admission.upload_check", kind, str(path)]
     try:
         done = subprocess.run(
             command, stdin=subprocess.DEVNULL, capture_output=True, text=True, timeout=2 * TIME_S, check=False
         )
     except subprocess.TimeoutExpired:
-        raise BadUpload(f"it took longer than {2 * TIME_S} s to read") from None
+        raise UnusableUploadError(f"it took longer than {2 * TIME_S} s to read") from None
     try:
-        told = json.loads(done.stdout)
+        report = json.loads(done.stdout)
     except ValueError:
-        raise BadUpload(f"it takes more than {TIME_S} s or {MEMORY_MB} MB to read") from None
-    if "problem" in told:
-        raise BadUpload(str(told["problem"]))
-    return dict(told)
+        raise UnusableUploadError(f"it takes more than {TIME_S} s or {MEMORY_MB} MB to read") from None
+    if "problem" in report:
+        raise UnusableUploadError(str(report["problem"]))
+    return dict(report)
 
 
-def look_into(path: Path, kind: str) -> dict[str, Any]:
-    """In the process of its own. Raises BadUpload."""
+def read_content(path: Path, kind: str) -> dict[str, Any]:
+    """The content, read in this process. Raises UnusableUploadError."""
     if kind == "mesh":
         return _mesh(path)
     if kind == "dataset":
-        make_sure_of_arrays(path)
+        check_arrays(path)
         return _learned(dataset_content, path)
-    make_sure_of_object(path)
+    check_object(path)
     return _learned(model_content, path)
 
 
@@ -64,7 +64,7 @@ def _mesh(path: Path) -> dict[str, Any]:
     try:
         nodes, tets = counts_of(str(path))
     except ScenarioError as error:
-        raise BadUpload(error.problems[0].message.replace(path.name, "the file")) from None
+        raise UnusableUploadError(error.problems[0].message.replace(path.name, "the file")) from None
     return {"nodes": nodes, "tetrahedra": tets}
 
 
@@ -74,35 +74,36 @@ def _learned(content: Callable[[Path], dict[str, Any]], path: Path) -> dict[str,
     try:
         return content(path)
     except NeedlebenchError as error:
-        raise BadUpload(str(error).replace(str(path), "it")) from None
+        raise UnusableUploadError(str(error).replace(str(path), "it")) from None
 
 
-def make_sure_of_arrays(path: Path) -> None:
+def check_arrays(path: Path) -> None:
     """An .npz whose headers and sizes agree; no array is read, and none of objects, which are pickles, passes.
 
-    Raises BadUpload.
+    Raises UnusableUploadError.
     """
     try:
         with zipfile.ZipFile(path) as archive:
             members = archive.infolist()
             if len(members) > MAXIMUM_MEMBERS:
-                raise BadUpload(f"it holds {len(members)} arrays, at most {MAXIMUM_MEMBERS} are allowed")
+                raise UnusableUploadError(f"it holds {len(members)} arrays, at most {MAXIMUM_MEMBERS} are allowed")
             total = sum(member.file_size for member in members)
             if total > MAXIMUM_ARRAYS_MB * 1e6:
-                raise BadUpload(f"it unpacks to {total / 1e6:.0f} MB, at most {MAXIMUM_ARRAYS_MB} are allowed")
+                size = f"{total / 1e6:.0f} MB"
+                raise UnusableUploadError(f"it unpacks to {size}, at most {MAXIMUM_ARRAYS_MB} are allowed")
             for member in members:
-                _make_sure_of_shape(archive, member)
+                _check_shape(archive, member)
     except (zipfile.BadZipFile, NotImplementedError, RuntimeError, EOFError, OSError, struct.error) as error:
-        raise BadUpload(f"it is not an .npz archive: {error}") from None
+        raise UnusableUploadError(f"it is not an .npz archive: {error}") from None
 
 
-def _make_sure_of_shape(archive: zipfile.ZipFile, member: zipfile.ZipInfo) -> None:
+def _check_shape(archive: zipfile.ZipFile, member: zipfile.ZipInfo) -> None:
     """The header of an array must agree with the size of its data."""
     from numpy.lib import format as npy
 
     name = member.filename[:100]
     if not name.endswith(".npy") or "/" in name or "\\" in name:
-        raise BadUpload(f"it holds {name!r}, which is no array")
+        raise UnusableUploadError(f"it holds {name!r}, which is no array")
     try:
         with archive.open(member) as file:
             version = npy.read_magic(file)
@@ -110,26 +111,26 @@ def _make_sure_of_shape(archive: zipfile.ZipFile, member: zipfile.ZipInfo) -> No
             shape, _, dtype = read(file)
             start = file.tell()
     except (ValueError, KeyError, SyntaxError) as error:
-        raise BadUpload(f"its {name} is not an array: {str(error)[:100]}") from None
+        raise UnusableUploadError(f"its {name} is not an array: {str(error)[:100]}") from None
     if dtype.hasobject:
-        raise BadUpload(f"its {name} holds Python objects (a pickle), which are never loaded")
+        raise UnusableUploadError(f"its {name} holds Python objects (a pickle), which are never loaded")
     count = 1
     for length in shape:
         count *= length
     if min(shape, default=0) < 0 or count * dtype.itemsize != member.file_size - start:
-        raise BadUpload(f"the shape of its {name} does not agree with its {member.file_size} bytes")
+        raise UnusableUploadError(f"the shape of its {name} does not agree with its {member.file_size} bytes")
 
 
-def make_sure_of_object(path: Path) -> None:
-    """A plain, finite JSON object. Raises BadUpload."""
+def check_object(path: Path) -> None:
+    """A plain, finite JSON object. Raises UnusableUploadError."""
     try:
         value = json.loads(path.read_bytes(), parse_constant=_no_constant)
     except (ValueError, RecursionError) as error:
-        raise BadUpload(f"it is not JSON: {str(error)[:100]}") from None
+        raise UnusableUploadError(f"it is not JSON: {str(error)[:100]}") from None
     if not isinstance(value, dict):
-        raise BadUpload("it must hold a JSON object")
+        raise UnusableUploadError("it must hold a JSON object")
     if _depth(value) > MAXIMUM_DEPTH:
-        raise BadUpload(f"it is nested more than {MAXIMUM_DEPTH} deep")
+        raise UnusableUploadError(f"it is nested more than {MAXIMUM_DEPTH} deep")
 
 
 def _no_constant(text: str) -> Any:
@@ -145,8 +146,8 @@ def _depth(value: Any) -> int:
     return depth
 
 
-def _bound() -> None:
-    """Little memory, little time, no large files: for this process and for good."""
+def _limit_resources() -> None:
+    """Limit memory, time and file size of this process, for good."""
     if sys.platform != "win32":
         import resource
 
@@ -160,18 +161,18 @@ def _bound() -> None:
 
 
 def main() -> None:
-    """Print what is in the file as JSON, or {"problem": why not}."""
+    """Print the content of the file as JSON, or {"problem": why it cannot be used}."""
     from service.blas_threads import one_thread
 
     one_thread()
-    _bound()
+    _limit_resources()
     try:
-        told = look_into(Path(sys.argv[2]), sys.argv[1])
-    except BadUpload as problem:
-        told = {"problem": str(problem)}
+        report = read_content(Path(sys.argv[2]), sys.argv[1])
+    except UnusableUploadError as problem:
+        report = {"problem": str(problem)}
     except MemoryError:
-        told = {"problem": f"it takes more than {MEMORY_MB} MB to read"}
-    print(json.dumps(told))
+        report = {"problem": f"it takes more than {MEMORY_MB} MB to read"}
+    sys.stdout.write(json.dumps(report))
 
 
 if __name__ == "__main__":

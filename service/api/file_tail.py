@@ -19,19 +19,19 @@ _PAUSE_S = 0.1
 
 
 async def tail(service: Service, request: Request, job: Job, path_of: Callable[[Job], Path]) -> AsyncIterator[bytes]:
-    """The bytes of the file as they come, of one attempt: a stream must not begin anew in its middle.
+    """The bytes of one attempt's file as they come: a stream must not start over in its middle.
 
-    Ends when the job has ended, when the attempt has, when the client goes away or the server goes down. A file
-    that is replaced at the end (compacted) is read to the end of its first form.
+    Ends with the job or the attempt, when the client disconnects or the server shuts down. A file that is
+    replaced at the end (compacted) is read to the end of its first form.
     """
     attempt = job.attempt or 1
     file: BinaryIO | None = None
     try:
         while True:
-            now = await run_in_threadpool(service.store.glance, job.id)
+            now = await run_in_threadpool(service.store.get_summary, job.id)
             over = now.terminal or now.attempt > attempt or service.changes.closed
             if (file is None and now.attempt == attempt and now.state == RUNNING) or now.terminal:
-                file = file or await run_in_threadpool(_opened, path_of(now))
+                file = file or await run_in_threadpool(_open, path_of(now))
             while file is not None and (chunk := await run_in_threadpool(file.read, _CHUNK_BYTES)):
                 yield chunk
             if over or await request.is_disconnected():
@@ -42,7 +42,7 @@ async def tail(service: Service, request: Request, job: Job, path_of: Callable[[
             file.close()
 
 
-def _opened(path: Path) -> BinaryIO | None:
+def _open(path: Path) -> BinaryIO | None:
     with suppress(OSError):
         return path.open("rb")
     return None

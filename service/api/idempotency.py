@@ -1,26 +1,20 @@
-"""A request that is sent again gives the job of before: by its key, whose it is, and a digest of what was asked."""
+"""A request that is sent again returns the original job: by its key, its owner and a digest of the request."""
 
 from __future__ import annotations
 
 import hashlib
-import json
-from typing import Annotated, Any
+from typing import Annotated
 
 from fastapi import Header
 
 IdempotencyKey = Annotated[
     str | None,
-    Header(min_length=1, max_length=200, description="The same key and request give the same job again."),
+    Header(min_length=1, max_length=200, description="The same key and request return the same job again."),
 ]
 
 
 def own_key(idempotency_key: str | None, owner: str | None) -> str | None:
-    """Two API keys may use the same idempotency key for jobs of their own."""
+    """The idempotency key as stored: two API keys may use the same one for jobs of their own."""
     if idempotency_key is None or owner is None:
         return idempotency_key
     return f"{owner}/{hashlib.sha256(idempotency_key.encode()).hexdigest()}"
-
-
-def content_hash(value: Any) -> str:
-    """SHA-256 of JSON data, whatever the order of its fields."""
-    return hashlib.sha256(json.dumps(value, sort_keys=True, separators=(",", ":")).encode()).hexdigest()

@@ -10,22 +10,50 @@ from typing import Any
 
 from fastapi import FastAPI, Request
 from fastapi.exceptions import RequestValidationError
-from sqlalchemy.exc import OperationalError
 from starlette.exceptions import HTTPException
 from starlette.responses import Response
 
-from service.store.campaign import CampaignActive, UnknownCampaign
-from service.store.job import IllegalTransition, InputGone, KeyReused, QueueFull, UnknownJob, UploadGone
-from service.store.schedule import ScheduleChanged, ScheduleExists, UnknownSchedule
+from service.access import ForbiddenError
+from service.store.campaign import CampaignActiveError, UnknownCampaignError
+from service.store.errors import OperationalError
+from service.store.job import (
+    IllegalTransitionError,
+    InputGoneError,
+    KeyReusedError,
+    QueueFullError,
+    UnknownJobError,
+    UploadGoneError,
+)
+from service.store.keys import UnknownKeyError
+from service.store.models import UnknownModelError
+from service.store.schedule import ScheduleChangedError, ScheduleExistsError, UnknownScheduleError
+from service.store.uploads import UnknownUploadError, UploadInUseError, UploadsFullError
 from simcore.errors import Problem, ScenarioError
+
+Handler = Callable[[Request, Exception], Response]
 
 MEDIA_TYPE = "application/problem+json"
 _NO_PAGES = ("/api/", "/recordings/", "/static/", "/viewer/")
 _SHOWN = 200  # characters of an offending value that are echoed
+_STATUS: dict[type[Exception], int] = {  # of errors whose own message is the detail
+    ForbiddenError: 403,
+    UnknownCampaignError: 404,
+    UnknownJobError: 404,
+    UnknownKeyError: 404,
+    UnknownModelError: 404,
+    UnknownScheduleError: 404,
+    UnknownUploadError: 404,
+    CampaignActiveError: 409,
+    IllegalTransitionError: 409,
+    ScheduleExistsError: 409,
+    UploadInUseError: 409,
+    ScheduleChangedError: 412,
+    UploadsFullError: 507,
+}
 
 
-class HttpProblem(Exception):
-    """An error that becomes a response; `errors` names each wrong field, its value and the allowed range."""
+class HttpError(Exception):
+    """An error response, raised by a route; `errors` names each wrong field, its value and the allowed range."""
 
     def __init__(
         self,
@@ -49,19 +77,21 @@ def problem_response(
     headers: Mapping[str, str] | None = None,
     more: Mapping[str, Any] | None = None,
 ) -> Response:
-    """The response of an error, with `more` members. ASCII only: no broken text of a request can break it."""
+    """The response of an error, with `more` members. ASCII only, so that no malformed text of a request breaks it."""
     body: dict[str, Any] = {"type": "about:blank", "title": _title(status), "status": status, "detail": detail}
     if instance is not None:
         body["instance"] = instance
     if errors is not None:
-        body["errors"] = [{"field": item.field, "value": shown(item.value), "message": item.message} for item in errors]
+        body["errors"] = [
+            {"field": item.field, "value": echoed(item.value), "message": item.message} for item in errors
+        ]
     body |= more or {}
     content = json.dumps(body, allow_nan=False)
     return Response(content, status_code=status, media_type=MEDIA_TYPE, headers=dict(headers or {}))
 
 
-def shown(value: Any) -> Any:
-    """A value fit for echoing: JSON, finite, and cut when it is long."""
+def echoed(value: Any) -> Any:
+    """A value fit to be echoed: JSON, finite, and cut when it is long."""
     if value is None or isinstance(value, bool):
         return value
     if isinstance(value, float) and not math.isfinite(value):
@@ -89,24 +119,20 @@ def _title(status: int) -> str:
 def install(app: FastAPI, *, page: Callable[[Request, int, str, str], Response] | None = None) -> None:
     """Map every exception, the framework's own included, to a problem.
 
-    page: makes the page (of request, status, title, detail) that a browser gets at the address of a page.
+    page: renders (request, status, title, detail) for a browser that asked for a page.
     """
     app.state.problem_page = page
-    app.add_exception_handler(HttpProblem, _on_problem)
-    app.add_exception_handler(HTTPException, _on_http)
-    app.add_exception_handler(RequestValidationError, _on_request)
-    app.add_exception_handler(ScenarioError, _on_scenario)
-    for unknown in (UnknownJob, UnknownCampaign, UnknownSchedule):
-        app.add_exception_handler(unknown, on_unknown)
-    for conflict in (IllegalTransition, CampaignActive, ScheduleExists):
-        app.add_exception_handler(conflict, on_conflict)
-    app.add_exception_handler(ScheduleChanged, _on_stale)
-    app.add_exception_handler(KeyReused, _on_key)
-    app.add_exception_handler(QueueFull, _on_full)
-    app.add_exception_handler(UploadGone, _on_gone)
-    app.add_exception_handler(InputGone, _on_input_gone)
-    app.add_exception_handler(OperationalError, database_refusal)
-    app.add_exception_handler(Exception, _on_crash)
+    for error, status in _STATUS.items():
+        app.add_exception_handler(error, _handler_of(status))
+    for error, handler in _HANDLERS.items():
+        app.add_exception_handler(error, handler)
+
+
+def _handler_of(status: int) -> Handler:
+    def handler(request: Request, error: Exception) -> Response:
+        return _reply(request, status, str(error))
+
+    return handler
 
 
 def _reply(request: Request, status: int, detail: str, **more: Any) -> Response:
@@ -120,22 +146,22 @@ def _reply(request: Request, status: int, detail: str, **more: Any) -> Response:
 
 
 def _is_page(method: str, path: str, accept: str) -> bool:
-    """Whether somebody looks at this address with a browser."""
+    """Whether a browser asks for a page."""
     return method == "GET" and "text/html" in accept and not path.startswith(_NO_PAGES)
 
 
-def _on_problem(request: Request, error: Exception) -> Response:
-    assert isinstance(error, HttpProblem)
+def _on_http_error(request: Request, error: Exception) -> Response:
+    assert isinstance(error, HttpError)
     return _reply(request, error.status, error.detail, errors=error.errors, headers=error.headers, more=error.more)
 
 
-def _on_http(request: Request, error: Exception) -> Response:
+def _on_framework(request: Request, error: Exception) -> Response:
     assert isinstance(error, HTTPException)
     detail = str(error.detail)
     if error.status_code == 404 and detail == "Not Found":
         detail = "there is nothing at this address"
     if error.status_code == 405:
-        detail = f"{request.method} is not possible here"
+        detail = f"{request.method} is not allowed here"
     headers = dict(error.headers or {})
     if "GET" in (allowed := headers.get("Allow", "").split(", ")):
         headers["Allow"] = ", ".join(dict.fromkeys([*allowed, "HEAD"]))
@@ -144,14 +170,14 @@ def _on_http(request: Request, error: Exception) -> Response:
 
 def _on_request(request: Request, error: Exception) -> Response:
     assert isinstance(error, RequestValidationError)
-    found = error.errors()
-    broken = next((item for item in found if item["type"] == "json_invalid"), None)
+    wrong = error.errors()
+    broken = next((item for item in wrong if item["type"] == "json_invalid"), None)
     if broken is not None:
         return _reply(request, 400, f"the body is not JSON: {broken.get('ctx', {}).get('error', broken['msg'])}")
     media_type = request.headers.get("content-type", "").partition(";")[0].strip().lower()
-    if any(item["loc"] == ("body",) for item in found) and not media_type.endswith("json"):
+    if any(item["loc"] == ("body",) for item in wrong) and not media_type.endswith("json"):
         return _reply(request, 415, f"the body must be application/json, not {media_type[:100] or 'untyped'}")
-    errors = [Problem(_field(item["loc"]), item.get("input"), _message(item)) for item in found]
+    errors = [Problem(_field(item["loc"]), item.get("input"), _message(item)) for item in wrong]
     return _reply(request, 422, "; ".join(f"{item.field}: {item.message}" for item in errors), errors=errors)
 
 
@@ -173,25 +199,6 @@ def _on_scenario(request: Request, error: Exception) -> Response:
     return _reply(request, 422, detail, errors=error.problems)
 
 
-def on_unknown(request: Request, error: Exception) -> Response:
-    """404, with what the error says."""
-    return _reply(request, 404, str(error))
-
-
-def on_conflict(request: Request, error: Exception) -> Response:
-    """409, with what the error says."""
-    return _reply(request, 409, str(error))
-
-
-def _on_stale(request: Request, error: Exception) -> Response:
-    return _reply(request, 412, str(error))
-
-
-def on_no_room(request: Request, error: Exception) -> Response:
-    """507, with what the error says."""
-    return _reply(request, 507, str(error))
-
-
 def _on_key(request: Request, error: Exception) -> Response:
     field = Problem("Idempotency-Key", request.headers.get("idempotency-key"), str(error))
     return _reply(request, 422, str(error), errors=[field])
@@ -202,20 +209,34 @@ def _on_full(request: Request, error: Exception) -> Response:
 
 
 def _on_gone(request: Request, error: Exception) -> Response:
-    assert isinstance(error, UploadGone)
+    assert isinstance(error, UploadGoneError)
     return _reply(request, 422, str(error), errors=error.problems)
 
 
 def _on_input_gone(request: Request, error: Exception) -> Response:
-    assert isinstance(error, InputGone)
+    assert isinstance(error, InputGoneError)
     return _reply(request, 409, str(error), errors=error.problems)
 
 
 def database_refusal(request: Request, error: Exception) -> Response:
-    """A full disk, a locked database, a data folder that became read-only: not now, and nothing was changed."""
+    """503 for a full disk, a locked database or a data folder that became read-only; nothing was changed."""
     assert isinstance(error, OperationalError)
-    return _reply(request, 503, f"the database refuses: {error.orig}", headers={"Retry-After": "10"})
+    return _reply(request, 503, f"the database cannot be used now: {error.orig}", headers={"Retry-After": "10"})
 
 
-def _on_crash(request: Request, error: Exception) -> Response:
-    return _reply(request, 500, "an error of the server; its log has the details")
+def _on_crash(request: Request, _error: Exception) -> Response:
+    return _reply(request, 500, "an internal error; the log of the service has the details")
+
+
+_HANDLERS: dict[type[Exception], Handler] = {
+    HttpError: _on_http_error,
+    HTTPException: _on_framework,
+    RequestValidationError: _on_request,
+    ScenarioError: _on_scenario,
+    KeyReusedError: _on_key,
+    QueueFullError: _on_full,
+    UploadGoneError: _on_gone,
+    InputGoneError: _on_input_gone,
+    OperationalError: database_refusal,
+    Exception: _on_crash,
+}

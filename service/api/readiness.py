@@ -1,4 +1,4 @@
-"""The state of a running service: what `/readyz` answers and what `/metrics` shows of the moment."""
+"""The state of a running service: what `/readyz` answers, and the gauges of `/metrics`."""
 
 from __future__ import annotations
 
@@ -12,49 +12,49 @@ from service.files.disk import free_bytes
 
 
 def checks(service: Service) -> list[Check]:
-    """Every check of a running service, the heaviest last."""
+    """Every check of a running service, the slowest last."""
     settings = service.settings
     return [
         _open(service),
         _workers(service),
         disk_check(settings.data, settings.minimum_free_bytes),
         folder_check(settings.data),
-        database_check(service.store.engine),
+        database_check(service.store),
     ]
 
 
 def _open(service: Service) -> Check:
     if service.closing:
-        return Check(name="service", level="bad", found="is going down", advice="wait until it is back")
-    return Check(name="service", level="ok", found="takes jobs")
+        return Check(name="service", level="bad", found="is shutting down", advice="wait until it is back")
+    return Check(name="service", level="ok", found="accepts jobs")
 
 
 def _workers(service: Service) -> Check:
     engine = service.engine
-    found = f"{engine.ready} of {engine.slots} workers are warm"
+    state = f"{engine.ready} of {engine.slots} workers are warm"
     if engine.ready == engine.slots:
-        return Check(name="workers", level="ok", found=found)
+        return Check(name="workers", level="ok", found=state)
     if engine.problem is None:
-        return Check(name="workers", level="warn", found=found, advice="wait: they start and compile")
+        return Check(name="workers", level="warn", found=state, advice="wait: they are starting and compiling")
     level: Level = "warn" if engine.ready else "bad"
-    return Check(name="workers", level=level, found=f"{found}: {engine.problem}", advice="see the log of the service")
+    return Check(name="workers", level=level, found=f"{state}: {engine.problem}", advice="see the log of the service")
 
 
 def readings(service: Service) -> Iterator[Reading]:
-    """What a monitor shows of the moment."""
+    """Gauges for a monitor, measured now."""
     counts = {state: float(count) for state, count in service.store.counts().items()}
     yield "needlebench_jobs", "Jobs in the store, by state.", counts
-    yield "needlebench_queue_length", "Jobs that wait.", {"": counts["queued"]}
+    yield "needlebench_queue_length", "Jobs in the queue.", {"": counts["queued"]}
     oldest = service.store.oldest_queued_at()
     waits_s = 0.0 if oldest is None else max(0.0, service.store.now - oldest)
-    yield "needlebench_queue_oldest_seconds", "How long the first in the queue has waited.", {"": waits_s}
+    yield "needlebench_queue_oldest_seconds", "How long the first job in the queue has waited.", {"": waits_s}
     engine = service.engine
     workers = {"slots": engine.slots, "warm": engine.ready, "busy": engine.busy}
     yield (
         "needlebench_workers",
-        "Slots for jobs, those with a warm worker, those at work.",
+        "Slots for jobs, those with a warm worker, those that are busy.",
         {name: float(count) for name, count in workers.items()},
     )
     with suppress(OSError):
         free = float(free_bytes(service.settings.data))
-        yield "needlebench_disk_free_bytes", "Room on the disk of the data folder.", {"": free}
+        yield "needlebench_disk_free_bytes", "Free space on the disk of the data folder.", {"": free}

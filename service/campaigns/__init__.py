@@ -1,1 +1,1 @@
-"""What campaigns amount to: results, comparisons, trends and reports."""
+"""Use cases of campaigns: progress, results of the cases, comparisons, trends, reports."""

@@ -9,11 +9,9 @@ import os
 import shutil
 import sys
 import tempfile
-import threading
 import time
 import uuid
 from collections.abc import Callable, Iterator, Sequence
-from concurrent.futures import ThreadPoolExecutor
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, BinaryIO
@@ -24,10 +22,11 @@ from service.blas_threads import one_thread
 from simcore.errors import NeedlebenchError, Problem, ScenarioError
 
 if TYPE_CHECKING:
+    from benchmarks.cases import Case, Outcome
     from benchmarks.measurements import Table
-    from benchmarks.observed_run import Observed
+    from benchmarks.observed_run import ObservedRun
     from service.recording.observer import RerunObserver
-    from service.worker import process as pool
+    from service.worker.crew import Crew
     from simcore.scenario.scenario import Scenario
 
 WIDTH = 170  # columns of a table that goes to a file or a pipe
@@ -58,6 +57,13 @@ REGRESSION = 1
     type=click.Path(dir_okay=False, path_type=Path),
     help="Say what changed from report A to report B, and measure nothing.",
 )
+@click.option(
+    "--checkouts",
+    metavar="OLD NEW",
+    nargs=2,
+    type=click.Path(exists=True, file_okay=False, path_type=Path),
+    help="Run the same short timings in two checkouts of this project in turn; print the ratio pair by pair.",
+)
 def bench(
     names: tuple[str, ...],
     json_file: Path | None,
@@ -65,6 +71,7 @@ def bench(
     quick: bool,
     listed: bool,
     reports: tuple[Path, Path] | None,
+    checkouts: tuple[Path, Path] | None,
 ) -> None:
     """Measure how fast the simulator is, what it costs and what its results owe to the discretisation.
 
@@ -79,6 +86,12 @@ def bench(
     What changed:              needlebench bench --compare before.json after.json
     The convergence study:     needlebench bench convergence --out results/convergence
     Only whether it works:     needlebench bench micro --quick
+    Did my change cost time:   git worktree add ../before main
+                               needlebench bench --checkouts ../before .
+
+    Reports of different days also differ by what else the machine did. --checkouts compares in one run: fresh
+    processes in turn (old new, new old, ...), each with the code of one checkout and a kernel cache of its own that is
+    filled before; nine pairs, about five minutes. It decides nothing: the exit code is 0 whatever the ratio.
 
     \b
     Exit code: 0 done (a missed target is no error), or nothing got worse
@@ -88,13 +101,20 @@ def bench(
     one_thread()
     if reports is not None:
         click.get_current_context().exit(_compare(*reports))
-    from benchmarks.registry import BENCHMARKS, chosen
+    if checkouts is not None:
+        if names:
+            raise ScenarioError(
+                [Problem("NAME", names[0], "cannot be combined with --checkouts, which has its own timings")]
+            )
+        _compare_checkouts(*checkouts, json_file=json_file, quick=quick)
+        return
+    from benchmarks.registry import BENCHMARKS, select
 
     if listed:
         for name, benchmark in BENCHMARKS.items():
             click.echo(f"{name:<13}{benchmark.text}{' (when named)' if benchmark.study else ''}")
         return
-    _measure(chosen(names), json_file, folder, quick)
+    _measure(select(names), json_file, folder, quick)
 
 
 def _measure(names: list[str], json_file: Path | None, folder: Path, quick: bool) -> None:
@@ -103,7 +123,7 @@ def _measure(names: list[str], json_file: Path | None, folder: Path, quick: bool
 
     from benchmarks.bench_report import busy, document
     from benchmarks.measurements import figure_table
-    from benchmarks.ports import Tools
+    from benchmarks.ports import BenchPorts
     from benchmarks.registry import run_suite
     from simcore.rollout.artefacts import replace_atomically
 
@@ -115,7 +135,7 @@ def _measure(names: list[str], json_file: Path | None, folder: Path, quick: bool
         click.echo(f"needlebench: warning: {warning}", err=True)
     date = datetime.now(UTC).isoformat(timespec="seconds")
     with tempfile.TemporaryDirectory(prefix="needlebench-") as scratch, _progress() as say, threadpool_limits(1):
-        tools = Tools(
+        ports = BenchPorts(
             say=say,
             recorder=recorder,
             recorder_name="service.cli.bench:recorder",
@@ -123,7 +143,7 @@ def _measure(names: list[str], json_file: Path | None, folder: Path, quick: bool
             folder=Path(scratch),
             quick=quick,
         )
-        parts = run_suite(names, tools)
+        parts = run_suite(names, ports)
     report = document(parts, date=date, quick=quick, load_before=before, load_after=_load())
     for table in (figure_table(parts), *(table for part in parts.values() for table in part.tables)):
         _print(table)
@@ -156,7 +176,7 @@ def _load() -> float | None:
 
 @contextlib.contextmanager
 def _progress() -> Iterator[Callable[[str], None]]:
-    """A function that shows what is being measured: one changing line on a terminal, lines elsewhere."""
+    """A function that shows what is being measured: one changing line on a terminal, else a line each time."""
     if not sys.stderr.isatty():
         yield lambda text: click.echo(text, err=True)
         return
@@ -177,83 +197,68 @@ def recorder(path: Path) -> RerunObserver:
     return RerunObserver(path, recording_id=uuid.uuid4().hex)
 
 
-class JobFailed(NeedlebenchError):
+class JobFailedError(NeedlebenchError):
     """A job of a benchmark crashed in its worker."""
 
 
 @contextlib.contextmanager
-def _crew(workers: int, scratch: Path, say: Callable[[str], None]) -> Iterator[Crew]:
+def _crew(workers: int, scratch: Path, say: Callable[[str], None]) -> Iterator[BenchCrew]:
     """Warm workers, gone at the end."""
-    from benchmarks.observed_run import JOB
-    from service.worker import process as pool
+    from service.settings import RUNNER
+    from service.worker.crew import Crew
 
-    staff = [pool.Worker() for _ in range(workers)]
-    try:
-        for workman in staff:
-            for runner in ("service.worker.attempt:run_job", JOB):
-                workman.call(pool.warm, runner, str(scratch / "warm.lock")).result()
-        yield Crew(staff, scratch, say)
-    finally:
-        for workman in staff:
-            workman.stop()
+    with Crew(workers, folder=scratch, files=scratch, runner=RUNNER) as crew:
+        crew.start()
+        yield BenchCrew(crew, scratch, say)
 
 
-class Crew:
+class BenchCrew:
     """Worker processes as the service has them; see `benchmarks.ports.Crew`."""
 
-    def __init__(self, staff: list[pool.Worker], scratch: Path, say: Callable[[str], None]) -> None:
-        self._staff, self._scratch, self._say = staff, scratch, say
+    def __init__(self, crew: Crew, scratch: Path, say: Callable[[str], None]) -> None:
+        self._crew, self._scratch, self._say = crew, scratch, say
 
     def seconds(self, batches: Sequence[Sequence[Scenario]]) -> float:
         """Wall time of the batches, one on each worker, all at once; the jobs are recorded as the scenario says."""
-        jobs = [[scenario.resolved() for scenario in batch] for batch in batches]
+        cases = [[_case(scenario) for scenario in batch] for batch in batches]
         started = time.perf_counter()
-        futures = []
-        for workman, batch in zip(self._staff, jobs, strict=True):
-            futures += [self._start(workman, "service.worker.attempt:run_job", scenario) for scenario in batch]
-        done = [future.result() for future, _ in futures]
+        outcomes = self._crew.run_batches(cases)
         elapsed = time.perf_counter() - started
-        for answer, (_, folder) in zip(done, futures, strict=True):
-            self._finished(answer)
-            shutil.rmtree(folder, ignore_errors=True)
+        for outcome in outcomes:
+            self._remove(outcome)
         return elapsed
 
-    def run_many(self, scenarios: Sequence[Scenario]) -> list[Observed]:
+    def run_many(self, scenarios: Sequence[Scenario]) -> list[ObservedRun]:
         """Each worker takes the next scenario that nobody has."""
         from benchmarks.observed_run import JOB, load
 
-        waiting = iter(enumerate(scenarios))
-        results: dict[int, Observed] = {}
-        turn = threading.Lock()
+        cases = [_case(scenario) for scenario in scenarios]
+        results: dict[str, ObservedRun] = {}
+        for outcome in self._crew.run_many(cases, runner=JOB, own_folders=True):
+            self._say(f"{len(results) + 1} of {len(cases)} runs done: {outcome.case.scenario['name']}")
+            result = {name: value for name, value in _checked(outcome).items() if name != "cost"}
+            results[outcome.case.id] = load(self._scratch / outcome.case.id, result)
+            self._remove(outcome)
+        return [results[case.id] for case in cases]
 
-        def work(workman: pool.Worker) -> None:
-            while True:
-                with turn:
-                    number, scenario = next(waiting, (-1, None))
-                if scenario is None:
-                    return
-                self._say(f"run {number + 1} of {len(scenarios)}: {scenario.name}")
-                future, folder = self._start(workman, JOB, scenario.resolved())
-                results[number] = load(folder, self._finished(future.result()))
-                shutil.rmtree(folder, ignore_errors=True)
+    def _remove(self, outcome: Outcome) -> None:
+        _checked(outcome)
+        shutil.rmtree(self._scratch / outcome.case.id, ignore_errors=True)
 
-        with ThreadPoolExecutor(len(self._staff)) as threads:
-            list(threads.map(work, self._staff))
-        return [results[number] for number in range(len(scenarios))]
 
-    def _start(self, workman: pool.Worker, runner: str, scenario: dict[str, Any]) -> tuple[Any, Path]:
-        from service.worker import attempt as worker
+def _case(scenario: Scenario) -> Case:
+    from benchmarks.cases import Case
 
-        folder = self._scratch / uuid.uuid4().hex
-        spec = {"scenario": scenario, "job_id": folder.name, "uploads": str(self._scratch)}
-        return workman.call(worker.execute, runner, spec, str(folder)), folder
+    return Case(uuid.uuid4().hex, scenario.resolved(), {})
 
-    @staticmethod
-    def _finished(answer: dict[str, Any]) -> dict[str, Any]:
-        if answer["error"] is not None:
-            raise JobFailed(answer["error"]["message"])
-        result: dict[str, Any] = answer["result"]
-        return result
+
+def _checked(outcome: Outcome) -> dict[str, Any]:
+    """The result. Raises JobFailedError for a job that crashed."""
+    from service.worker.crew import CRASHED
+
+    if outcome.result["status"] == CRASHED:
+        raise JobFailedError(outcome.result["message"])
+    return outcome.result
 
 
 # -- what is printed --------------------------------------------------------------------------------------------------
@@ -267,7 +272,7 @@ def _print(table: Table) -> None:
     from rich.markup import escape
     from rich.table import Table as Grid
 
-    from benchmarks.measurements import shown
+    from benchmarks.measurements import cell_text
 
     console = Console(highlight=False, width=None if sys.stdout.isatty() else WIDTH)
     if table.title:
@@ -277,7 +282,7 @@ def _print(table: Table) -> None:
         text = all(isinstance(row[i], str) for row in table.rows)
         grid.add_column(column, justify="left" if text else "right", overflow="fold", no_wrap=i == 0)
     for row in table.rows:
-        cells = [escape(shown(value)) for value in row]
+        cells = [escape(cell_text(value)) for value in row]
         grid.add_row(*(f"[{COLOURS[cell]}]{cell}[/]" if cell in COLOURS else cell for cell in cells))
     console.print(grid, "")
 
@@ -298,3 +303,21 @@ def _compare(first: Path, second: Path) -> int:
     worse = regressions(changes)
     click.echo(f"{len(worse)} of {len(changes)} figures got worse" if worse else "nothing got worse")
     return REGRESSION if worse else 0
+
+
+def _compare_checkouts(old: Path, new: Path, *, json_file: Path | None, quick: bool) -> None:
+    """Run both, print the ratios, write every value."""
+    from benchmarks.bench_report import busy
+    from benchmarks.performance.checkouts import checkout_table, compare_checkouts
+    from simcore.rollout.artefacts import replace_atomically
+
+    if json_file is not None:
+        _writable(json_file.parent, "--json")
+    if warning := busy(_load()):
+        click.echo(f"needlebench: warning: {warning}", err=True)
+    with tempfile.TemporaryDirectory(prefix="needlebench-") as scratch, _progress() as say:
+        comparison = compare_checkouts(old, new, scratch=Path(scratch), say=say, quick=quick)
+    _print(checkout_table(comparison))
+    if json_file is not None:
+        replace_atomically(json_file, functools.partial(_fill, json.dumps(comparison.as_json(), indent=2) + "\n"))
+        click.echo(json_file)

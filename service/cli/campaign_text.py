@@ -1,4 +1,4 @@
-"""What `needlebench campaign` says: plans, progress, scores and what became of a suite."""
+"""Texts of `needlebench campaign`: plans, progress, scores and the trend of a suite."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ if TYPE_CHECKING:
 
 
 def print_plan(plan: dict[str, Any]) -> None:
-    """What a dry run found."""
+    """The result of a dry run."""
     click.echo(f"{plan['suite']}: {plan['jobs']} insertions, {plan['steps']} steps, about {_minutes(plan['seconds'])}")
     click.echo(f"sha256 {plan['suite_sha256']}")
     more = ", ..." if plan["jobs"] > len(plan["first"]) else ""
@@ -28,13 +28,13 @@ def _minutes(seconds: float | None) -> str:
     return f"{seconds:.0f} s" if seconds < 120 else f"{seconds / 60:.0f} min"
 
 
-def followed(client: Client, made: CampaignStatus) -> CampaignStatus:
-    """The campaign when it has ended; on stderr how it goes."""
+def follow_campaign(client: Client, started: CampaignStatus) -> CampaignStatus:
+    """The campaign when it has ended, with progress on stderr until then."""
     try:
         with _bar() if sys.stderr.isatty() else _lines() as show:
-            return client.wait_campaign(made.id, progress=show)
+            return client.wait_campaign(started.id, progress=show)
     except KeyboardInterrupt:
-        click.echo(f"it goes on with the next service; to stop it: needlebench campaign cancel {made.id}", err=True)
+        click.echo(f"the next service resumes it; to stop it: needlebench campaign cancel {started.id}", err=True)
         raise
 
 
@@ -51,25 +51,25 @@ def _bar() -> Iterator[Callable[[CampaignStatus], None]]:
 
 @contextmanager
 def _lines() -> Iterator[Callable[[CampaignStatus], None]]:
-    told = -1.0
+    shown = -1.0
 
     def show(now: CampaignStatus) -> None:
-        nonlocal told
-        if now.fraction - told >= 0.05 or now.terminal:
-            told = now.fraction
+        nonlocal shown
+        if now.fraction - shown >= 0.05 or now.terminal:
+            shown = now.fraction
             click.echo(f"{100 * now.fraction:3.0f} %  {where(now)}", err=True)
 
     yield show
 
 
 def where(now: CampaignStatus) -> str:
-    """How far it is, in words."""
+    """Its progress in words."""
     failed = sum(now.jobs.get(state, 0) for state in ("failed", "timed_out"))
     left = "" if now.terminal else f", {_minutes(now.eta_s)} left"
-    cleared = now.cases - sum(now.jobs.values())  # their results stay with the campaign
-    told = f"{now.ended + cleared} of {now.cases} insertions"
-    more = f", the jobs of {cleared} cleared away since" if cleared else ""
-    return f"{told}{f', {failed} failed' if failed else ''}{more}{left}"
+    removed = now.cases - sum(now.jobs.values())  # their results stay with the campaign
+    done = f"{now.ended + removed} of {now.cases} insertions"
+    more = f", the jobs of {removed} since removed" if removed else ""
+    return f"{done}{f', {failed} failed' if failed else ''}{more}{left}"
 
 
 def print_scores(results: dict[str, Any]) -> None:
@@ -83,12 +83,12 @@ def print_scores(results: dict[str, Any]) -> None:
 
 
 def millimetres(value: float | None) -> str:
-    """An error in mm; None, worse than any number, is what a failed run has."""
+    """An error in mm; None, which ranks worse than any number, is that of a failed run."""
     return "failed" if value is None else f"{value:.4f} mm"
 
 
 def print_trend(client: Client, done: CampaignStatus) -> bool:
-    """What became of the suite against its runs before; whether something got worse."""
+    """Print the marks of the campaign against earlier runs of its suite. Returns whether something got worse."""
     mine = next((point for point in client.trend(done.suite) if point["campaign"] == done.id), None)
     if mine is None:
         return False

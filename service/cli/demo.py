@@ -1,4 +1,4 @@
-"""From nothing to a recording: a service of its own, one job over HTTP, its progress, its result."""
+"""From nothing to a recording: starts a service, runs one job over HTTP, shows progress and result."""
 
 from __future__ import annotations
 
@@ -6,7 +6,6 @@ import os
 import secrets
 import subprocess
 import sys
-from dataclasses import replace
 from pathlib import Path
 
 import click
@@ -22,26 +21,26 @@ SCENARIO = "demo"
 
 
 def run_demo(*, data: Path | None, port: int | None, keep: bool | None) -> int:
-    """The whole demonstration; its exit code. keep: stay up until Ctrl-C; None = on a terminal outside CI."""
+    """Run the demonstration; returns its exit code. keep: stay up until Ctrl-C; None = on a terminal outside CI."""
     settings = Settings.load(data=data, host=DEFAULT_HOST, port=port)
     if settings.api_key is None and keys_exist(settings.database):
-        settings = replace(settings, api_key=secrets.token_urlsafe(24))  # of the demonstration alone
+        settings = settings.model_copy(update={"api_key": secrets.token_urlsafe(24)})  # of the demonstration alone
     stay = keep if keep is not None else sys.stdout.isatty() and not os.environ.get("CI")
     click.echo(
         "A flexible needle is steered 122 mm deep through deforming tissue by an inverse finite element controller.\n"
-        "This starts a service in a process of its own, submits the scenario `demo` to it over HTTP, follows the\n"
+        "This starts a service in its own process, submits the scenario `demo` to it over HTTP, follows the\n"
         f"run and keeps its result and recording in {settings.data}\n"
     )
     with running_service(settings) as (url, process), Client(url, settings.api_key) as client:
         click.echo(f"service: {url}")
-        job = _followed(client)
+        job = _run_job(client)
         _report(job, settings.data)
         if stay:
             _stay(url, process)
     return exit_code(job)
 
 
-def _followed(client: Client) -> JobStatus:
+def _run_job(client: Client) -> JobStatus:
     """The demo job when it has ended; Ctrl-C cancels it, else the next service on the folder would run it."""
     job = client.submit(SCENARIO)
     try:
@@ -66,7 +65,7 @@ def _stay(url: str, process: subprocess.Popen[str] | None) -> None:
     if process is None:
         return
     try:
-        click.echo("Ctrl-C ends the service; everything is kept.")
+        click.echo("Ctrl-C ends the service; its data are kept.")
         process.wait()
         click.echo("the service has ended", err=True)
     except KeyboardInterrupt:

@@ -1,11 +1,11 @@
-"""The commands of learned controllers: make the data set, train a model, begin a controller of one's own."""
+"""The commands of learned controllers: make the data set, train a model, start a controller of your own."""
 
 from __future__ import annotations
 
 import shutil
 import sys
 from collections.abc import Iterator
-from contextlib import ExitStack
+from contextlib import ExitStack, closing
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -19,6 +19,7 @@ if TYPE_CHECKING:
 
     from benchmarks.cases import Case
     from benchmarks.learning.training_insertions import Insertion
+    from service.local.dataset_runs import InsertionCache
     from simcore.learning import Regressor
     from simcore.rollout.dataset import Dataset
 
@@ -27,7 +28,7 @@ EXAMPLES = {"controller": "controller.txt", "mesh": "mesh.msh"}
 
 
 def free_to_write(path: Path, *, force: bool) -> None:
-    """Fail before the work and not after it."""
+    """Raises ScenarioError before the work, and not after it."""
     if path.exists() and not force:
         raise ScenarioError([Problem("--out", str(path), "exists; use --force to replace it")])
     try:
@@ -70,18 +71,17 @@ def dataset(
     goes on from there.
     """
     one_thread()
-    from benchmarks.learning.training_insertions import cases
-    from benchmarks.learning.training_insertions import dataset as gather
-    from service.local.dataset_runs import Kept
+    from benchmarks.learning.training_insertions import collect_dataset, training_insertions
+    from service.local.dataset_runs import InsertionCache
     from simcore.rollout.dataset import save_dataset
     from simcore.scenario.presets import with_changes
 
     free_to_write(path, force=force)
-    chosen = cases(insertions=insertions, seed=seed, changes=with_changes({}, list(changes)))
-    kept = Kept(path.with_name(f"{path.name}.parts"))
-    data = gather(chosen, lambda these: shown(these, workers, kept), samples=samples, seed=seed)
+    chosen = training_insertions(insertions=insertions, seed=seed, changes=with_changes({}, list(changes)))
+    cache = InsertionCache(path.with_name(f"{path.name}.parts"))
+    data = collect_dataset(chosen, lambda these: _with_bar(these, workers, cache), samples=samples, seed=seed)
     save_dataset(data, path)
-    shutil.rmtree(kept.folder, ignore_errors=True)
+    shutil.rmtree(cache.folder, ignore_errors=True)
     failed = [i["id"] for i in data.provenance["insertions"] if i["status"] != "completed"]
     if failed:
         click.echo(f"needlebench: warning: did not complete: {', '.join(failed)}", err=True)
@@ -91,28 +91,15 @@ def dataset(
         click.echo(f"needlebench: warning: {samples} samples were asked for, there are {drawn} steps", err=True)
 
 
-def shown(cases: Sequence[Case], workers: int, kept: Any) -> Iterator[Insertion]:
-    """The insertions as they are finished, with a bar on a terminal and lines elsewhere."""
+def _with_bar(cases: Sequence[Case], workers: int, cache: InsertionCache) -> Iterator[Insertion]:
+    """The insertions as they are finished, with a bar on a terminal, else with lines."""
     from service.local.dataset_runs import insertions
 
     with ExitStack() as stack:
         tick = stack.enter_context(_Bar(len(cases)))
-        for done in stack.enter_context(_closed(insertions(cases, workers=workers, kept=kept))):
+        for done in stack.enter_context(closing(insertions(cases, workers=workers, cache=cache))):
             tick.advance()
             yield done
-
-
-class _closed:
-    """A generator that is closed on leaving: Ctrl-C must stop the workers at once."""
-
-    def __init__(self, generator: Iterator[Insertion]) -> None:
-        self._generator = generator
-
-    def __enter__(self) -> Iterator[Insertion]:
-        return self._generator
-
-    def __exit__(self, *_: object) -> None:
-        self._generator.close()  # type: ignore[attr-defined]
 
 
 class _Bar:
@@ -182,7 +169,7 @@ def train(source: Path, path: Path, kind: str, split: str, samples: int | None, 
 
     from threadpoolctl import threadpool_limits
 
-    from benchmarks.learning.training import trained
+    from benchmarks.learning.training import train_model
     from simcore.rollout.artefacts import replace_atomically
 
     free_to_write(path, force=force)
@@ -190,13 +177,13 @@ def train(source: Path, path: Path, kind: str, split: str, samples: int | None, 
     with source.open("rb") as file:
         sha256 = hashlib.file_digest(file, "sha256").hexdigest()
     with threadpool_limits(1):
-        done = trained(data, _regressor(kind, **asked), split=split, samples=samples, data_sha256=sha256)
+        done = train_model(data, _regressor(kind, **asked), split=split, samples=samples, data_sha256=sha256)
     text = done.model.text().encode()
     replace_atomically(path, lambda file: file.write(text))
-    told = done.model.provenance
+    provenance = done.model.provenance
     click.echo(f"RMSE of Delta P, mm    {'x':>8}{'y':>8}{'z':>8}")
     for side, rmse in (("train", done.train_rmse_mm), ("test", done.test_rmse_mm)):
-        click.echo(f"  {side:<6}{told[f'{side}_rows']:>7} rows   " + "".join(f"{axis:8.4f}" for axis in rmse))
+        click.echo(f"  {side:<6}{provenance[f'{side}_rows']:>7} rows   " + "".join(f"{axis:8.4f}" for axis in rmse))
     click.echo(f"{path}: {kind}, {len(text) / 1e3:.0f} kB, SHA-256 {hashlib.sha256(text).hexdigest()}")
 
 
@@ -214,11 +201,11 @@ def read_data(source: Path) -> Dataset:
 def _regressor(
     kind: str, *, nodes: int, ridge: float, weights: float, neighbours: int, hidden: str, seed: int
 ) -> Regressor:
-    from service.worker.training_job import SETTINGS, untrained
+    from service.worker.training_job import SETTINGS, new_regressor
 
     given: dict[str, Any] = {"nodes": nodes, "ridge": ridge, "weight_range": weights, "neighbours": neighbours}
     given |= {"hidden": layers_of(hidden), "seed": seed}
-    return untrained(kind, {name: given[name] for name in SETTINGS[kind]})
+    return new_regressor(kind, {name: given[name] for name in SETTINGS[kind]})
 
 
 def layers_of(text: str) -> list[int]:

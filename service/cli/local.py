@@ -1,4 +1,4 @@
-"""The commands that need no service: list scenarios, run one in this process, look at a recording."""
+"""The commands that need no service: list scenarios, run one in this process, view a recording."""
 
 from __future__ import annotations
 
@@ -19,10 +19,10 @@ WITHOUT_SUCCESS = 3
 def scenario(name: str | None, fields: bool) -> None:
     """List the built-in scenarios, or print the one called NAME as JSON with every field and its value.
 
-    A value of null follows other fields, as the spacing of the constraint points follows the element size.
+    A value of null is derived from other fields, as the spacing of the constraint points follows the element size.
 
     \b
-    What there is:                needlebench scenario
+    The built-in ones:            needlebench scenario
     A file to change and run:     needlebench scenario demo > mine.json
     Every field, with its range:  needlebench scenario --fields
     """
@@ -48,7 +48,7 @@ def scenario(name: str | None, fields: bool) -> None:
     metavar="DIR",
     required=True,
     type=click.Path(file_okay=False, path_type=Path),
-    help="Folder for result.json, series.npz and recording.rrd; made if it does not exist.",
+    help="Folder for result.json, series.npz and recording.rrd; created if needed.",
 )
 @click.option(
     "--set",
@@ -59,10 +59,10 @@ def scenario(name: str | None, fields: bool) -> None:
 )
 @click.option("--force", is_flag=True, help="Replace the result that the folder holds.")
 def run(source: str, folder: Path, changes: tuple[str, ...], force: bool) -> None:
-    """Run one insertion in this process and write what came out of it.
+    """Run one insertion in this process and write its result.
 
     SCENARIO is a JSON file, the name of a built-in scenario, or - for JSON on standard input. Fields that it leaves
-    out have their defaults. Nothing is written before the run has ended, and all of it or nothing.
+    out have their defaults. The files are written when the run has ended: all of them or none.
 
     \b
     A built-in one:             needlebench run demo --out results/demo
@@ -71,23 +71,23 @@ def run(source: str, folder: Path, changes: tuple[str, ...], force: bool) -> Non
     Metrics only, no recording: needlebench run demo --out results/quick --set recording.enabled=false
     From another program:       generate | needlebench run - --out results/generated
 
-    Setting a kind replaces its block by the defaults of that kind, so set the kind first and its fields after it.
+    Setting a kind replaces its block by the defaults of that kind: set the kind first, then its fields.
 
     \b
     Exit code: 0 completed and successful
                3 completed without success, or not converged: see status in result.json
-               2 bad scenario or folder, 1 crash, 130 Ctrl-C; nothing is written then
+               2 bad scenario or folder, 1 crash, 130 Ctrl-C: nothing is written
     """
     from service.cli.result_table import print_report
     from service.local.run import output_folder, run_into
     from simcore.scenario.presets import with_changes
     from simcore.scenario.scenario import Scenario
 
-    asked = Scenario.load(with_changes(read_source(source), list(changes)))
-    for warning in asked.warnings():
+    chosen = Scenario.load(with_changes(read_source(source), list(changes)))
+    for warning in chosen.warnings():
         click.echo(f"needlebench: warning: {warning}", err=True)
     with output_folder(folder, replace=force) as partial:
-        result, incomplete = run_into(partial, asked, recording_id=uuid.uuid4().hex)
+        result, incomplete = run_into(partial, chosen, recording_id=uuid.uuid4().hex)
     if incomplete is not None:
         click.echo(f"needlebench: warning: {incomplete}", err=True)
     print_report(result, folder)
@@ -120,6 +120,7 @@ class Size(click.ParamType[tuple[int, int]]):
     name = "WIDTHxHEIGHT"
 
     def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> tuple[int, int]:
+        """(width, height) from the text."""
         if isinstance(value, tuple):
             return value
         width, _, height = str(value).lower().partition("x")
@@ -145,7 +146,7 @@ def view(file: Path, picture: Path | None, at_s: float | None, size: tuple[int, 
     The viewer listens on 127.0.0.1 only and sends no usage data. In the window: drag to turn, space to play.
 
     \b
-    Look at a run:   needlebench view results/demo/recording.rrd
+    Open a run:      needlebench view results/demo/recording.rrd
     For a document:  needlebench view results/demo/recording.rrd --screenshot demo.png --at 8
     """
     from service.recording import viewer

@@ -14,32 +14,32 @@ import click
 
 INTERRUPTED = 130
 _COMMANDS = {  # name -> (module, what it does); the order is that of the help
-    "demo": ("service", "Start a service, run one insertion through it, show the result."),
+    "demo": ("service", "Start a service, run one insertion on it, show the result."),
     "scenario": ("local", "List the built-in scenarios, or print one as JSON."),
     "run": ("local", "Run one insertion in this process."),
     "view": ("local", "Open a recording in the viewer, or make a picture of it."),
     "serve": ("service", "Start the HTTP service."),
-    "submit": ("service", "Send a scenario to a service."),
-    "upload": ("uploads", "Send a tissue mesh, a model or a data set to a service."),
-    "uploads": ("uploads", "List what was sent to a service, or delete it."),
-    "jobs": ("service", "List the jobs of a service."),
+    "submit": ("jobs", "Submit a scenario to a service."),
+    "upload": ("uploads", "Upload a tissue mesh, a model or a data set to a service."),
+    "uploads": ("uploads", "List the uploads of a service; delete or pin one."),
+    "jobs": ("jobs", "List the jobs of a service."),
     "show": ("jobs", "Show one job of a service, its events or its log."),
-    "cancel": ("service", "Cancel a job of a service."),
+    "cancel": ("jobs", "Cancel a job of a service."),
     "dataset": ("learning", "Run the insertions that learned controllers are trained on."),
     "paper": ("paper", "Rerun the paper: data set, ELM, insertions, statistics, report."),
     "train": ("learning", "Train the model of a learned controller."),
-    "models": ("models", "List the models of a service, train more."),
-    "example": ("learning", "Print an example to begin with, such as a controller of your own."),
-    "retry": ("service", "Run a job of a service again that failed or was cancelled."),
-    "pin": ("jobs", "Keep a job whatever is cleared away."),
-    "unpin": ("jobs", "Keep a job no longer."),
-    "recording": ("recording", "Open or fetch the recording of a job."),
-    "verify": ("verify", "Run a result again: does the same come out?"),
-    "gc": ("operations", "Clear away old jobs and their files, and unused uploads."),
+    "models": ("models", "List the models of a service, or train one."),
+    "example": ("learning", "Print an example to start from, such as a controller of your own."),
+    "retry": ("jobs", "Run a failed or cancelled job of a service again."),
+    "pin": ("jobs", "Keep a job when old ones are removed."),
+    "unpin": ("jobs", "Allow a pinned job to be removed."),
+    "recording": ("recording", "Open or download the recording of a job."),
+    "verify": ("verify", "Run a result again and compare."),
+    "gc": ("operations", "Remove old jobs with their files, and unused uploads."),
     "doctor": ("operations", "Check this installation: versions, cache, disk, port, viewer, data folder."),
-    "key": ("key", "Make, list and revoke the API keys of a data folder."),
-    "campaign": ("campaign", "Run suites and parameter grids, compare them, see their trend."),
-    "schedule": ("schedule", "Run campaigns by the clock."),
+    "key": ("keys", "Create, list and revoke the API keys of a data folder."),
+    "campaign": ("campaigns", "Run suites and parameter grids, compare them, show their trend."),
+    "schedule": ("schedules", "Run campaigns at set times."),
     "bench": ("bench", "Measure speed and convergence, or compare two measurements."),
 }
 _EPILOG = """
@@ -48,7 +48,7 @@ See it work, from nothing to a recording:
   needlebench demo
 
 \b
-One run in this process, with changes of your own:
+One run in this process, with your own changes:
   needlebench scenario demo > mine.json
   needlebench run mine.json --out results/first --set tissue.young_kpa=4.5
   needlebench view results/first/recording.rrd
@@ -70,9 +70,11 @@ class Commands(click.Group):
     """A group that imports a command when it is run, and turns errors into one line and an exit code."""
 
     def list_commands(self, ctx: click.Context) -> list[str]:
+        """The names of the commands, in the order of the help."""
         return list(_COMMANDS)
 
     def get_command(self, ctx: click.Context, cmd_name: str) -> click.Command | None:
+        """Import a command; None for an unknown one."""
         if cmd_name not in _COMMANDS:
             return None
         module = importlib.import_module(f"service.cli.{_COMMANDS[cmd_name][0]}")
@@ -82,15 +84,18 @@ class Commands(click.Group):
     def resolve_command(
         self, ctx: click.Context, args: list[str]
     ) -> tuple[str | None, click.Command | None, list[str]]:
+        """As click does, with a list of the commands in the message about an unknown one."""
         if args and args[0] not in _COMMANDS and not args[0].startswith("-"):
             ctx.fail(f"No such command {args[0]!r}. There are: {', '.join(_COMMANDS)}.")
         return super().resolve_command(ctx, args)
 
     def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
+        """List the commands without importing them."""
         with formatter.section("Commands"):
             formatter.write_dl([(name, text) for name, (_, text) in _COMMANDS.items()])
 
     def invoke(self, ctx: click.Context) -> Any:
+        """Run the command; an error becomes a line on stderr and an exit code."""
         try:
             return super().invoke(ctx)
         except (click.ClickException, click.exceptions.Exit, click.Abort):
@@ -121,8 +126,8 @@ def _report(error: Exception, *, debug: bool) -> int:
     return 1
 
 
-def _print_version(ctx: click.Context, _parameter: click.Parameter, asked: bool) -> None:
-    if asked and not ctx.resilient_parsing:
+def _print_version(ctx: click.Context, _parameter: click.Parameter, wanted: bool) -> None:
+    if wanted and not ctx.resilient_parsing:
         from service.version import installed_version
 
         click.echo(f"needlebench {installed_version()}")

@@ -1,4 +1,4 @@
-"""`needlebench models`: what a service can steer by, and trainings on it."""
+"""`needlebench models`: the models of a service, and trainings on it."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from service.cli.service import asked, client_of, told, url_option
+from service.cli.connection import report_submitted, service_client, url_option
 from simcore.errors import Problem, ScenarioError
 
 if TYPE_CHECKING:
@@ -20,10 +20,10 @@ _KINDS = click.Choice(["elm", "linear", "neighbours", "mlp"])
 
 @click.group()
 def models() -> None:
-    """List the models that learned controllers of a service steer by, look at one, train more.
+    """List, show, download and train the models of learned controllers on a service.
 
     \b
-    What there is:            needlebench models list
+    All models:               needlebench models list
     One in full, as JSON:     needlebench models show elm
     Train one, and wait:      needlebench models train out/data.npz --nodes 50 --wait
     Steer by it:              needlebench submit sine --set controller.kind=elm --set controller.model=artefact:ID
@@ -32,16 +32,16 @@ def models() -> None:
 
 
 @models.command("list")
-@click.option("--json", "as_json", is_flag=True, help="One JSON object a line.")
+@click.option("--json", "as_json", is_flag=True, help="One JSON object per line.")
 @url_option
 def list_models(as_json: bool, url: str | None) -> None:
-    """List the models, newest first, then those that come along. The error is that of Delta P on test rows, mm.
+    """List the models, newest first, then the bundled ones. The error is that of Delta P on test rows, mm.
 
     \b
-    What there is to steer by: needlebench models list
+    All models:               needlebench models list
     """
-    with client_of(url) as client:
-        for one in asked(client.models):
+    with service_client(url) as client:
+        for one in client.models():
             click.echo(json.dumps(one.raw) if as_json else _line(one))
 
 
@@ -54,16 +54,16 @@ def _line(model: ModelInfo) -> str:
 @click.argument("model", metavar="MODEL")
 @url_option
 def show(model: str, url: str | None) -> None:
-    """Print all that is known of a model as JSON: settings, provenance, errors, the jobs that steer by it.
+    """Print a model as JSON: settings, provenance, errors, the jobs that steer by it.
 
-    MODEL is an id: elm, linear or mlp for those that come along, else as `needlebench models list` writes it.
+    MODEL is an id: elm, linear or mlp for the bundled ones, else as `needlebench models list` prints it.
 
     \b
-    One that comes along:     needlebench models show elm
+    A bundled one:            needlebench models show elm
     """
-    with client_of(url) as client:
-        found = asked(lambda: client.model(model.removeprefix("artefact:")))
-        click.echo(json.dumps(dict(found.raw), indent=2))
+    with service_client(url) as client:
+        info = client.model(model.removeprefix("artefact:"))
+        click.echo(json.dumps(dict(info.raw), indent=2))
 
 
 @models.command()
@@ -81,8 +81,8 @@ def fetch(model: str, path: Path, force: bool, url: str | None) -> None:
     from service.cli.learning import free_to_write
 
     free_to_write(path, force=force)
-    with client_of(url) as client:
-        click.echo(asked(lambda: client.model_file(model.removeprefix("artefact:"), path)))
+    with service_client(url) as client:
+        click.echo(client.model_file(model.removeprefix("artefact:"), path))
 
 
 @models.command()
@@ -95,15 +95,15 @@ def fetch(model: str, path: Path, force: bool, url: str | None) -> None:
 @click.option("--hidden", help="Nodes of each hidden layer of the mlp; default 32,32.")
 @click.option("--seed", type=click.IntRange(0, 2**31), help="Of the elm and the mlp; default 0.")
 @click.option("--split", type=click.Choice(["sample", "trajectory"]), help="What is held out; default sample.")
-@click.option("--samples", type=click.IntRange(2), help="Learn from so many rows only; default: all.")
-@click.option("--name", help="What lists call it.")
-@click.option("--wait", is_flag=True, help="Show progress until it is trained, then what to call it.")
+@click.option("--samples", type=click.IntRange(2), help="Learn from only so many rows; default: all.")
+@click.option("--name", help="Its name in lists.")
+@click.option("--wait", is_flag=True, help="Show progress until it is trained, then print its reference.")
 @url_option
 @click.pass_context
-def train(ctx: click.Context, /, source: str, kind: str, wait: bool, url: str | None, **asked_for: Any) -> None:
+def train(ctx: click.Context, /, source: str, kind: str, wait: bool, url: str | None, **options: Any) -> None:
     """Train a model on a service, as a job; prints the id of the job.
 
-    DATA is a file from `needlebench dataset`, which is sent to the service first, or artefact:ID.
+    DATA is a file from `needlebench dataset`, which is uploaded first, or artefact:ID.
 
     \b
     The paper's:              needlebench models train out/data.npz --wait
@@ -114,13 +114,13 @@ def train(ctx: click.Context, /, source: str, kind: str, wait: bool, url: str | 
     """
     from service.cli.learning import layers_of
 
-    settings = {name: value for name, value in asked_for.items() if value is not None}
+    settings = {name: value for name, value in options.items() if value is not None}
     if "hidden" in settings:
         settings["hidden"] = layers_of(settings["hidden"])
-    with client_of(url) as client:
+    with service_client(url) as client:
         data = _data(client, source)
-        job = asked(lambda: client.train_model(data, kind=kind, **settings))
-        done = told(client, job, wait=wait)
+        job = client.train_model(data, kind=kind, **settings)
+        done = report_submitted(client, job, wait=wait)
         if done is None:
             return
         if not done.success:
@@ -130,10 +130,10 @@ def train(ctx: click.Context, /, source: str, kind: str, wait: bool, url: str | 
 
 
 def _data(client: Client, source: str) -> str:
-    """What the service calls the data set."""
+    """The reference of the data set; a file is uploaded."""
     if source.startswith("artefact:"):
         return source
     path = Path(source)
     if not path.is_file():
         raise ScenarioError([Problem("DATA", source, "is neither a file nor artefact:ID")])
-    return asked(lambda: client.upload(path, kind="dataset")).reference
+    return client.upload(path, kind="dataset").reference

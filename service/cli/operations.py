@@ -1,4 +1,4 @@
-"""The commands for those who run a service: clear away old jobs, look over the installation."""
+"""The commands of an operator: remove old jobs, check the installation."""
 
 from __future__ import annotations
 
@@ -8,26 +8,21 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
+from service.cli.connection import data_option, service_client
+
 if TYPE_CHECKING:
     from service.engine.retention import Policy
     from service.settings import Settings
-
-_data = click.option(
-    "--data",
-    metavar="DIR",
-    type=click.Path(file_okay=False, path_type=Path),
-    help="Folder of jobs, results and recordings (NEEDLEBENCH_DATA); default: the platform's data folder.",
-)
 
 
 @click.command()
 @click.option("--older-than", metavar="AGE", help="Jobs that ended longer ago, and unused uploads; 30d, 12h.")
 @click.option("--keep-last", type=click.IntRange(0), metavar="N", help="Never the newest N; alone: all but these.")
-@click.option("--max-gb", type=click.FloatRange(0), metavar="G", help="Then the oldest, until the rest holds no more.")
-@click.option("--dry-run", is_flag=True, help="Only tell what would go.")
-@click.option("--json", "as_json", is_flag=True, help="What went as one JSON object.")
-@click.option("--url", metavar="URL", help="A service elsewhere; default: the data folder on this machine.")
-@_data
+@click.option("--max-gb", type=click.FloatRange(0), metavar="G", help="Then the oldest, until the rest takes no more.")
+@click.option("--dry-run", is_flag=True, help="Only report what would be removed.")
+@click.option("--json", "as_json", is_flag=True, help="What was removed, as one JSON object.")
+@click.option("--url", metavar="URL", help="A service on another machine; default: the data folder on this one.")
+@data_option
 def gc(
     older_than: str | None,
     keep_last: int | None,
@@ -37,14 +32,14 @@ def gc(
     url: str | None,
     data: Path | None,
 ) -> None:
-    """Clear away jobs that have ended, with their results and recordings, unused uploads, and folders without a job.
+    """Remove ended jobs with their results and recordings, unused uploads, and folders without a job.
 
-    Pinned jobs stay (needlebench pin JOB), and those of a campaign that runs. With --older-than, uploads of that age go
-    too, unless they are pinned or a job, campaign, schedule or model that stays names them. Without a rule only folders
-    without a job go. A service that runs on the data folder does the work itself.
+    Pinned jobs (needlebench pin JOB) and those of a running campaign are kept. With --older-than, uploads of that age
+    are removed too, unless they are pinned or a remaining job, campaign, schedule or model uses them. Without a rule,
+    only folders without a job are removed. A service that runs on the data folder does the work itself.
 
     \b
-    What would go:            needlebench gc --older-than 30d --dry-run
+    What would be removed:    needlebench gc --older-than 30d --dry-run
     Keep it small, by cron:   needlebench gc --older-than 90d --keep-last 100 --max-gb 50
     By the service itself:    needlebench serve --keep-days 90 --keep-gb 50
     """
@@ -57,7 +52,7 @@ def gc(
         max_bytes=None if max_gb is None else int(max_gb * 2**30),
     )
     cleared = _cleared(Settings.load(data=data), policy, dry_run, url)
-    click.echo(json.dumps(cleared)) if as_json else _tell(cleared, dry_run)
+    click.echo(json.dumps(cleared)) if as_json else _print_cleared(cleared, dry_run)
 
 
 def _cleared(settings: Settings, policy: Policy, dry_run: bool, url: str | None) -> dict[str, Any]:
@@ -65,8 +60,8 @@ def _cleared(settings: Settings, policy: Policy, dry_run: bool, url: str | None)
     from dataclasses import asdict
 
     from service.engine.retention import clear
-    from service.files.lock import Busy, held
-    from service.server.server import endpoint
+    from service.files.lock import LockHeldError, file_lock
+    from service.server.endpoint import endpoint
     from service.store.database import open_database
     from service.store.jobs import Store
     from service.store.uploads import Uploads
@@ -74,40 +69,38 @@ def _cleared(settings: Settings, policy: Policy, dry_run: bool, url: str | None)
 
     if url is None:
         if not settings.database.is_file():
-            raise ScenarioError([Problem("--data", str(settings.data), "holds no jobs")])
+            raise ScenarioError([Problem("--data", str(settings.data), "has no jobs")])
         try:
-            with held(settings.data / "server.lock"):
+            with file_lock(settings.data / "server.lock"):
                 store = Store(open_database(settings.database))
                 try:
                     uploads = Uploads(settings.uploads, store, settings.limits)
                     return asdict(clear(store, settings.jobs, policy, dry_run=dry_run, uploads=uploads))
                 finally:
                     store.close()
-        except Busy:
+        except LockHeldError:
             url = endpoint(settings.data)
-    from service.cli.service import asked, client_of
-
-    with client_of(url) as client:
-        return asked(lambda: client.clear(**asdict(policy), dry_run=dry_run))
+    with service_client(url) as client:
+        return client.clear(**asdict(policy), dry_run=dry_run)
 
 
-def _tell(cleared: dict[str, Any], dry_run: bool) -> None:
+def _print_cleared(cleared: dict[str, Any], dry_run: bool) -> None:
     from service.files.disk import readable
 
-    would = "would go" if dry_run else "cleared away"
+    verb = "would be removed" if dry_run else "removed"
     for name in (*cleared["jobs"], *cleared["uploads"]):
         click.echo(name)
     counts = f"{len(cleared['jobs'])} jobs, {len(cleared['uploads'])} uploads and {len(cleared['orphans'])} folders"
-    click.echo(f"{counts} {would}: {readable(cleared['bytes'])}", err=True)
-    click.echo(f"{cleared['kept']} ended jobs stay: {readable(cleared['kept_bytes'])}", err=True)
+    click.echo(f"{counts} {verb}: {readable(cleared['bytes'])}", err=True)
+    click.echo(f"{cleared['kept']} ended jobs remain: {readable(cleared['kept_bytes'])}", err=True)
 
 
 @click.command()
-@click.option("--json", "as_json", is_flag=True, help="One JSON object a check.")
-@_data
+@click.option("--json", "as_json", is_flag=True, help="One JSON object per check.")
+@data_option
 @click.pass_context
 def doctor(ctx: click.Context, as_json: bool, data: Path | None) -> None:
-    """Look over this installation and its data folder, and say what to mend.
+    """Check this installation and its data folder, and say what to fix.
 
     Python and package versions, the cache of compiled kernels, memory, data folder, disk, lock, database, port and
     viewer. Nothing is changed, and no service is needed.
@@ -117,7 +110,7 @@ def doctor(ctx: click.Context, as_json: bool, data: Path | None) -> None:
     Of another folder:        needlebench doctor --data /data
 
     \b
-    Exit code: 0 fit for work, warnings included; 1 something is bad
+    Exit code: 0 ready for work, perhaps with warnings; 1 something is wrong
     """
     from dataclasses import asdict
 

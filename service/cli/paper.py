@@ -23,9 +23,9 @@ if TYPE_CHECKING:
 
     from benchmarks.cases import Outcome
     from benchmarks.paper.pipeline import Findings
-    from benchmarks.paper.plan import Cost, Plan, Stage
+    from benchmarks.paper.plan import Plan, Stage, StepCost
     from benchmarks.paper.scale import Scale
-    from service.local.paper_run import Watcher
+    from service.local.paper_run import ProgressListener
     from service.worker.crew import Crew
     from simcore.rollout.dataset import Dataset
 
@@ -102,20 +102,22 @@ def paper(
     from service.worker.crew import Crew
 
     if only_plan:
-        with tempfile.TemporaryDirectory(prefix="needlebench-") as scratch:
-            with Crew(workers, folder=Path(scratch), files=Path(scratch)) as crew:
-                _tell(plan, workers, crew)
+        with (
+            tempfile.TemporaryDirectory(prefix="needlebench-") as scratch,
+            Crew(workers, folder=Path(scratch), files=Path(scratch)) as crew,
+        ):
+            _print_plan(plan, workers, crew)
         return
-    from service.local.paper_folder import opened
+    from service.local.paper_folder import open_folder
     from service.local.paper_run import PaperRun, enough_space, identity
 
     enough_space(plan, path)
-    with opened(path, identity(plan), any_commit=any_commit, extend=extend) as folder:
+    with open_folder(path, identity(plan), any_commit=any_commit, extend=extend) as folder:
         with Crew(workers, folder=folder.series, files=path.absolute()) as crew:
-            cost = _tell(plan, workers, crew)
+            cost = _print_plan(plan, workers, crew)
             begun = time.monotonic()
-            with _watching(plan, cost, workers) as watcher:
-                findings = PaperRun(plan, folder, crew, watcher, trainer(plan)).run()
+            with _progress_on(plan, cost, workers) as listener:
+                findings = PaperRun(plan, folder, crew, listener, trainer(plan)).run()
         write_report(findings, plan, path, wall_s=time.monotonic() - begun, workers=workers)
     click.echo(path / "report.html")
 
@@ -138,7 +140,7 @@ def read_scale(name: str) -> Scale:
 
 def trainer(plan: Plan) -> Callable[[str, int, Dataset], str]:
     """Trains a model of a kind, seed and data set; the text of its file."""
-    from benchmarks.learning.training import trained
+    from benchmarks.learning.training import train_model
     from service.worker.network_trainer import train_network
     from simcore import learning
 
@@ -149,7 +151,7 @@ def trainer(plan: Plan) -> Callable[[str, int, Dataset], str]:
             "neighbours": learning.NearestNeighbours,
             "mlp": lambda: learning.MultilayerPerceptron(seed=seed, trainer=train_network),
         }
-        return trained(data, makers[kind](), split="sample").model.text()
+        return train_model(data, makers[kind](), split="sample").model.text()
 
     return train
 
@@ -160,12 +162,12 @@ def trainer(plan: Plan) -> Callable[[str, int, Dataset], str]:
 def write_report(findings: Findings, plan: Plan, path: Path, *, wall_s: float, workers: int) -> None:
     """report.html, report.json, insertions.csv, predictions.csv."""
     from benchmarks.paper import report
-    from benchmarks.paper.pipeline import commits, cpu_seconds, of_the_paper
+    from benchmarks.paper.pipeline import commits, cpu_seconds, paper_outcomes
     from service.local.paper_folder import write_text
     from simcore.provenance import provenance
 
     write_text(path / "predictions.csv", predictions_csv(findings))
-    origin, own = provenance(findings.outcomes[0].case.scenario), of_the_paper(findings)
+    origin, own = provenance(findings.outcomes[0].case.scenario), paper_outcomes(findings)
     del origin["scenario"], origin["seed"]
     origin |= {
         "scale": plan.scale.model_dump(mode="json"),
@@ -202,7 +204,7 @@ def predictions_csv(findings: Findings) -> str:
 # ---- what is shown
 
 
-def _tell(plan: Plan, workers: int, crew: Crew) -> Cost:
+def _print_plan(plan: Plan, workers: int, crew: Crew) -> StepCost:
     """Measure what a step costs, print the plan; the cost."""
     from service.local.paper_run import measured_cost
 
@@ -224,8 +226,8 @@ def _minutes(seconds: float) -> str:
 
 
 @contextmanager
-def _watching(plan: Plan, cost: Cost, workers: int) -> Iterator[Watcher]:
-    """A bar with the time left on a terminal, lines elsewhere."""
+def _progress_on(plan: Plan, cost: StepCost, workers: int) -> Iterator[ProgressListener]:
+    """A bar with the time left on a terminal, else lines."""
     share = {case.id: cost.of(case) / (1 if stage.alone else workers) for stage in plan.stages for case in stage.cases}
     if not sys.stderr.isatty():
         yield Lines(share)
@@ -249,10 +251,12 @@ class Lines:
         self._fresh = 0.0
 
     def begin(self, stage: Stage) -> None:
+        """A line for the stage."""
         self._stage, self._count, self._ended = stage.title, len(stage.cases), 0
         click.echo(f"{stage.title}: {len(stage.cases)} insertions", err=True)
 
     def ended(self, outcome: Outcome, *, fresh: bool) -> None:
+        """A line now and then."""
         self._ended += 1
         seconds, now = self._share.get(outcome.case.id, 0.0), time.monotonic()
         self._done += seconds
@@ -266,6 +270,7 @@ class Lines:
         click.echo(f"{self._stage}: {self._ended} of {self._count}; {share}", err=True)
 
     def say(self, text: str) -> None:
+        """The text."""
         click.echo(text, err=True)
 
 
@@ -278,13 +283,16 @@ class Bar:
         self._count, self._ended, self._title = 0, 0, ""
 
     def begin(self, stage: Stage) -> None:
+        """Name the stage beside the bar."""
         self._title, self._count, self._ended = stage.title, len(stage.cases), 0
         self._progress.update(self._task, description=f"{stage.title} 0/{self._count}")
 
     def ended(self, outcome: Outcome, *, fresh: bool) -> None:
+        """Move the bar by the estimated seconds of the insertion."""
         self._ended += 1
         done = self._share.get(outcome.case.id, 0.0)
         self._progress.update(self._task, advance=done, description=f"{self._title} {self._ended}/{self._count}")
 
     def say(self, text: str) -> None:
+        """The text, above the bar."""
         self._progress.console.print(text, highlight=False, markup=False)

@@ -1,4 +1,4 @@
-"""Shows a job on the command line while it runs: a bar on a terminal, plain lines elsewhere."""
+"""Shows a job on the command line while it runs: a bar on a terminal, plain lines otherwise."""
 
 from __future__ import annotations
 
@@ -19,7 +19,9 @@ Show = Callable[[JobStatus], None]
 def follow(client: Client, job: JobStatus) -> JobStatus:
     """Show the job until it has ended; the job then."""
     if client.ready()["workers_ready"] == 0:
-        click.echo("the workers are starting; the first time on a machine they compile for half a minute", err=True)
+        click.echo(
+            "the workers are starting; the first time on a machine they compile for about half a minute", err=True
+        )
     with _bar() if sys.stderr.isatty() else _lines() as show:
         return client.wait(job.id, progress=show)
 

@@ -1,4 +1,4 @@
-"""The commands that bring the recording of a job to the screen or into a file."""
+"""The commands that open or download the recording of a job."""
 
 from __future__ import annotations
 
@@ -7,15 +7,10 @@ from typing import TYPE_CHECKING
 
 import click
 
+from service.cli.connection import service_client, url_option
+
 if TYPE_CHECKING:
     from service.client.client import Client, JobStatus
-
-_url = click.option(
-    "--url",
-    metavar="URL",
-    envvar="NEEDLEBENCH_URL",
-    help="Address of the service (NEEDLEBENCH_URL); default: the one on NEEDLEBENCH_DATA, else port 8321.",
-)
 
 
 @click.group()
@@ -23,30 +18,29 @@ def recording() -> None:
     """Open or fetch the recording of a job.
 
     \b
-    Look at one:              needlebench recording open JOB
-    Take it elsewhere:        needlebench recording fetch JOB a.rrd
+    In the viewer:            needlebench recording open JOB
+    Into a file:              needlebench recording fetch JOB a.rrd
     A picture of it:          needlebench view a.rrd --screenshot a.png
     """
 
 
 @recording.command("open")
 @click.argument("job_id", metavar="JOB")
-@_url
+@url_option
 @click.pass_context
 def open_recording(ctx: click.Context, job_id: str, url: str | None) -> None:
     """Open the recording of JOB in the Rerun viewer, until its window is closed.
 
-    A service on this machine has the file already; from another it is fetched once and kept in the user's cache.
-    Of a running job on this machine, what there is so far.
+    The file of a service on this machine is opened directly; from another machine it is downloaded once into the
+    user's cache. Of a job that runs on this machine, the part recorded so far is shown.
 
     \b
     The last one that ended:  needlebench recording open $(needlebench jobs --limit 1 | cut -d' ' -f1)
     """
-    from service.cli.service import asked, client_of
     from service.recording import viewer
 
-    with client_of(url) as client:
-        job = asked(lambda: client.job(job_id))
+    with service_client(url) as client:
+        job = client.job(job_id)
         path = _local(client, job) or _cached(client, job)
     ctx.exit(viewer.show(path))
 
@@ -54,22 +48,20 @@ def open_recording(ctx: click.Context, job_id: str, url: str | None) -> None:
 @recording.command("fetch")
 @click.argument("job_id", metavar="JOB")
 @click.argument("file", type=click.Path(dir_okay=False, path_type=Path))
-@_url
+@url_option
 def fetch_recording(job_id: str, file: Path, url: str | None) -> None:
-    """Write the recording of JOB to FILE; of a running job when it has ended.
+    """Write the recording of JOB to FILE; that of a running job once it has ended.
 
     \b
     From another machine:     needlebench recording fetch JOB a.rrd --url http://lab:8321
     """
-    from service.cli.service import asked, client_of
-
-    with client_of(url) as client:
-        click.echo(asked(lambda: client.recording(job_id, file)))
+    with service_client(url) as client:
+        click.echo(client.recording(job_id, file))
 
 
 def _local(client: Client, job: JobStatus) -> Path | None:
     """The file in the data folder of this machine, if it is this service's."""
-    from service.server.server import endpoint
+    from service.server.endpoint import endpoint
     from service.settings import data_dir
 
     data = data_dir()
@@ -81,13 +73,11 @@ def _cached(client: Client, job: JobStatus) -> Path:
     """A copy in the user's cache, named by its content."""
     import platformdirs
 
-    from service.cli.service import asked
-
     folder = Path(platformdirs.user_cache_dir("needlebench")) / "recordings"
     folder.mkdir(parents=True, exist_ok=True)
     known = next((file["sha256"] for file in client.artefacts(job.id) if file["name"] == "recording.rrd"), None)
     if known is None:
-        click.echo("the job has not ended: its recording is fetched when it has", err=True)
-        return asked(lambda: client.recording(job.id, folder / f"{job.id}.rrd"))
+        click.echo("the job is still running: its recording is downloaded once it has ended", err=True)
+        return client.recording(job.id, folder / f"{job.id}.rrd")
     path = folder / f"{job.id}-{known[:16]}.rrd"
-    return path if path.is_file() else asked(lambda: client.recording(job.id, path))
+    return path if path.is_file() else client.recording(job.id, path)

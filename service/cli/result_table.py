@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from service.display import flat
+from service.display import flat, shown, size_text
 from service.worker.attempt import KINDS
 
 if TYPE_CHECKING:
@@ -57,21 +57,3 @@ def _timing(rows: dict[str, dict[str, Any]]) -> Table:
     for part, data in rows.items():
         table.add_row(f"  {part}", *(shown(data.get(name)) for name in statistics))
     return table
-
-
-def shown(value: Any) -> str:
-    """A value of the result for people: four significant digits, yes and no, a dash for what there is not."""
-    if value is None:
-        return "-"
-    if isinstance(value, bool):
-        return "yes" if value else "no"
-    return f"{value:.4g}" if isinstance(value, float) else str(value)
-
-
-def size_text(size: float) -> str:
-    """Bytes in the unit that leaves one to three digits before the point."""
-    for unit in ("B", "KB", "MB"):
-        if size < 1000:
-            return f"{size:.0f} {unit}" if unit == "B" else f"{size:.1f} {unit}"
-        size /= 1000
-    return f"{size:.1f} GB"

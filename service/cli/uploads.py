@@ -1,13 +1,12 @@
-"""The commands that send meshes and models to a service, list and delete them."""
+"""The commands that upload meshes, models and data sets to a service, list, pin and delete them."""
 
 from __future__ import annotations
 
-from functools import partial
 from pathlib import Path
 
 import click
 
-from service.cli.service import asked, client_of, url_option
+from service.cli.connection import service_client, url_option
 
 
 @click.command()
@@ -15,11 +14,10 @@ from service.cli.service import asked, client_of, url_option
 @click.option("--kind", type=click.Choice(["mesh", "model", "dataset"]), help="Default: by the suffix.")
 @url_option
 def upload(file: Path, kind: str | None, url: str | None) -> None:
-    """Send FILE to a running service and print what scenarios call it: artefact:ID.
+    """Upload FILE to a running service and print how scenarios refer to it: artefact:ID.
 
     A tissue mesh is a .msh, .vtu, .vtk, .mesh or .inp file, a model the .json of `needlebench train`, a data set the
-    .npz of `needlebench dataset`. The service looks into it before it keeps it; the same content sent again is the same
-    upload.
+    .npz of `needlebench dataset`. The service checks it before storing it; the same content is the same upload.
 
     \b
     A mesh of your own:       needlebench upload liver.msh
@@ -27,32 +25,32 @@ def upload(file: Path, kind: str | None, url: str | None) -> None:
     A data set to learn from: needlebench upload data.npz
                               needlebench models train artefact:ID
     """
-    with client_of(url) as client:
-        sent = asked(lambda: client.upload(file, kind=kind))
+    with service_client(url) as client:
+        sent = client.upload(file, kind=kind)
         click.echo(sent.reference)
-        told = {name: value for name, value in sent.content.items() if not isinstance(value, dict)}
-        found = ", ".join(f"{name} {value}" for name, value in told.items())
-        click.echo(f"{sent.kind} {sent.name}, {sent.bytes} bytes: {found}", err=True)
+        content = {name: value for name, value in sent.content.items() if not isinstance(value, dict)}
+        counts = ", ".join(f"{name} {value}" for name, value in content.items())
+        click.echo(f"{sent.kind} {sent.name}, {sent.bytes} bytes: {counts}", err=True)
 
 
 @click.command()
 @click.option("--delete", "deleted", metavar="ID", help="Delete this one; not while a queued or running job uses it.")
-@click.option("--pin", "pinned", metavar="ID", help="Keep this one whatever is cleared away.")
-@click.option("--unpin", "unpinned", metavar="ID", help="Keep this one no longer.")
+@click.option("--pin", "pinned", metavar="ID", help="Keep this one when old uploads are removed.")
+@click.option("--unpin", "unpinned", metavar="ID", help="Allow this one to be removed again.")
 @url_option
 def uploads(deleted: str | None, pinned: str | None, unpinned: str | None, url: str | None) -> None:
-    """List the meshes, models and data sets that were sent to a service, newest first; or delete or keep one.
+    """List the meshes, models and data sets of a service, newest first; or delete, pin or unpin one.
 
     \b
-    What there is:            needlebench uploads
-    Make room:                needlebench uploads --delete ID
+    All uploads:              needlebench uploads
+    Delete one:               needlebench uploads --delete ID
     """
-    with client_of(url) as client:
-        asks = ((deleted, client.delete_upload), (pinned, client.pin_upload), (unpinned, client.unpin_upload))
-        wanted = [(act, name.removeprefix("artefact:")) for name, act in asks if name is not None]
-        for act, upload_id in wanted:
-            asked(partial(act, upload_id))
-        if wanted:
+    with service_client(url) as client:
+        actions = ((deleted, client.delete_upload), (pinned, client.pin_upload), (unpinned, client.unpin_upload))
+        chosen = [(act, name.removeprefix("artefact:")) for name, act in actions if name is not None]
+        for act, upload_id in chosen:
+            act(upload_id)
+        if chosen:
             return
-        for item in asked(client.uploads):
+        for item in client.uploads():
             click.echo(f"{item.reference}  {item.kind:<6}{item.bytes:>10}  {item.name}")

@@ -28,22 +28,22 @@ if TYPE_CHECKING:
 @click.option("--json", "as_json", is_flag=True, help="The verdict as one JSON object.")
 @click.pass_context
 def verify(ctx: click.Context, source: str, url: str | None, data: Path | None, as_json: bool) -> None:
-    """Run a result again from its provenance, in this process, and say whether the same comes out.
+    """Run a result again from its provenance, in this process, and compare.
 
     The verdict is `identical` (every bit of every state: the same digest), `equal` (the tip's path within 1e-6 mm,
-    as on another processor) or `different`, with the first step and array that differ. What has changed since, such
-    as the commit or a library, is listed. To tell more than identical or not, series.npz must lie beside the file.
+    as on another processor) or `different`, with the first step and array that differ. Changes since then, such as
+    the commit or a library, are listed. To say more than identical or not, series.npz must be beside the file.
 
     \b
     A file:                   needlebench verify results/first/result.json
     A job of a service:       needlebench verify 5f2b8c0d9e1a4b37
-    Of one that is not up:    needlebench verify 5f2b8c0d9e1a4b37 --data ./data
+    Of a stopped service:     needlebench verify 5f2b8c0d9e1a4b37 --data ./data
     In a script:              needlebench verify result.json --json | jq .verdict
 
     \b
     Exit code: 0 identical or equal, 1 different, 2 not a result
     """
-    from service.local.verify import CannotVerify
+    from service.local.verify import CannotVerifyError
     from simcore.errors import Problem, ScenarioError
 
     with ExitStack() as stack:
@@ -55,72 +55,72 @@ def verify(ctx: click.Context, source: str, url: str | None, data: Path | None, 
         file = Path(source)
         try:
             verdict = _of_file(file, data, bar) if file.is_file() else _of_job(source, url, data, bar)
-        except CannotVerify as error:
+        except CannotVerifyError as error:
             raise ScenarioError([Problem("RESULT", source, str(error))]) from None
-    click.echo(json.dumps(verdict.data())) if as_json else _tell(verdict)
+    click.echo(json.dumps(verdict.data())) if as_json else _print_verdict(verdict)
     if not verdict.reproduced:
         ctx.exit(1)
 
 
 def _of_file(path: Path, data: Path | None, observer: Observer | None) -> Verdict:
-    from service.local.verify import CannotVerify, load_series, uploads_beside, verify
+    from service.local.verify import CannotVerifyError, load_series, uploads_beside, verify
     from simcore.rollout.artefacts import SERIES
 
     try:
         result = json.loads(path.read_bytes())
     except (OSError, ValueError, RecursionError) as error:
-        raise CannotVerify(f"is not readable JSON: {error}") from None
+        raise CannotVerifyError(f"is not readable JSON: {error}") from None
     if not isinstance(result, dict):
-        raise CannotVerify("this is no result: it is no JSON object")
+        raise CannotVerifyError("is not a result: it is not a JSON object")
     uploads = uploads_beside(path) if data is None else data / "uploads"
     return verify(result, load_series(path.with_name(SERIES)), observer, uploads=uploads)
 
 
 def _of_job(job_id: str, url: str | None, data: Path | None, observer: Observer | None) -> Verdict:
     """By the service at `url`; of a data folder by the service that runs on it, or from its files if there is none."""
-    from service.cli.service import asked, client_of
-    from service.local.verify import CannotVerify
+    from service.cli.connection import service_client
+    from service.local.verify import CannotVerifyError
 
     if not re.fullmatch("[0-9a-z]{1,32}", job_id):
-        raise CannotVerify("is neither a file nor the id of a job")
+        raise CannotVerifyError("is neither a file nor the id of a job")
     if data is not None:
-        from service.files.lock import Busy, held
-        from service.server.server import endpoint
+        from service.files.lock import LockHeldError, file_lock
+        from service.server.endpoint import endpoint
 
         try:
-            with held(data / "server.lock"):
+            with file_lock(data / "server.lock"):
                 return _of_folder(job_id, data, observer)
-        except Busy:
+        except LockHeldError:
             url = endpoint(data)
-    with client_of(url) as client:
-        return asked(lambda: client.verify(job_id, observer))
+    with service_client(url) as client:
+        return client.verify(job_id, observer)
 
 
 def _of_folder(job_id: str, data: Path, observer: Observer | None) -> Verdict:
     """A job of a data folder on which no service runs."""
-    from service.local.verify import CannotVerify, load_series, verify
+    from service.local.verify import CannotVerifyError, load_series, verify
     from service.settings import Settings
     from service.store.database import open_database
-    from service.store.job import UnknownJob
+    from service.store.job import UnknownJobError
     from service.store.jobs import Store
     from simcore.rollout.artefacts import SERIES
 
     settings = Settings.load(data=data, host="127.0.0.1")
     if not settings.database.is_file():
-        raise CannotVerify(f"{data} is no data folder: it has no {settings.database.name}")
+        raise CannotVerifyError(f"{data} is not a data folder: it has no {settings.database.name}")
     store = Store(open_database(settings.database))
     try:
         job = store.get(job_id)
-    except UnknownJob as error:
-        raise CannotVerify(str(error)) from None
+    except UnknownJobError as error:
+        raise CannotVerifyError(str(error)) from None
     finally:
         store.close()
     if job.result is None:
-        raise CannotVerify(f"job {job_id} is {job.state}: it has no result")
+        raise CannotVerifyError(f"job {job_id} is {job.state}: it has no result")
     return verify(job.result, load_series(data / job.folder / SERIES), observer, uploads=settings.uploads)
 
 
-def _tell(verdict: Verdict) -> None:
+def _print_verdict(verdict: Verdict) -> None:
     texts = {
         "identical": "identical: every bit of every state",
         "equal": f"equal: the tip is within {verdict.tip_mm or 0:.1e} mm, not every bit is the same",

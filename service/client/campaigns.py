@@ -15,7 +15,7 @@ _PAUSE_S = 1.0
 
 @dataclass(frozen=True, kw_only=True)
 class CampaignStatus:
-    """A campaign as the service told it; `raw` is its JSON. jobs: how many are in which state."""
+    """A campaign as the service reported it; `raw` is its JSON. jobs: how many are in which state."""
 
     id: str
     name: str
@@ -30,12 +30,13 @@ class CampaignStatus:
 
     @classmethod
     def of(cls, raw: Mapping[str, Any]) -> Self:
+        """From the JSON of the service."""
         named = {name: raw[name] for name in cls.__dataclass_fields__ if name != "raw"}
         return cls(**named, raw=raw)
 
     @property
     def terminal(self) -> bool:
-        """Whether nothing will happen to it any more."""
+        """Whether it has ended."""
         return self.state != "running"
 
     @property
@@ -48,7 +49,7 @@ class CampaignCalls(Connection):
     """Campaigns, schedules, comparisons and trends."""
 
     def suites(self) -> dict[str, str]:
-        """Named suites: name -> one line on it."""
+        """Named suites: name -> title."""
         return {item["name"]: item["title"] for item in self._json("GET", "/api/v1/suites")["items"]}
 
     def plan_campaign(self, request: Mapping[str, Any]) -> dict[str, Any]:
@@ -77,7 +78,7 @@ class CampaignCalls(Connection):
     def wait_campaign(
         self, campaign_id: str, *, progress: Callable[[CampaignStatus], None] | None = None
     ) -> CampaignStatus:
-        """Until the campaign has ended; `progress` sees it about once a second."""
+        """Wait until the campaign has ended; `progress` is called with it about once a second."""
         while True:
             now = self.campaign(campaign_id)
             if progress is not None:
@@ -87,11 +88,11 @@ class CampaignCalls(Connection):
             time.sleep(_PAUSE_S)
 
     def cancel_campaign(self, campaign_id: str) -> CampaignStatus:
-        """Cancel what is queued and what runs; what is finished stays."""
+        """Cancel its queued and running jobs; finished ones are kept."""
         return CampaignStatus.of(self._json("POST", f"/api/v1/campaigns/{part(campaign_id)}/cancel"))
 
     def delete_campaign(self, campaign_id: str) -> None:
-        """Forget a campaign that has ended, with its jobs and their files."""
+        """Delete a campaign that has ended, with its jobs and their files."""
         self._request("DELETE", f"/api/v1/campaigns/{part(campaign_id)}")
 
     def campaign_results(self, campaign_id: str) -> dict[str, Any]:
@@ -99,7 +100,7 @@ class CampaignCalls(Connection):
         return dict(self._json("GET", f"/api/v1/campaigns/{part(campaign_id)}/results"))
 
     def campaign_csv(self, campaign_id: str, path: Path) -> Path:
-        """Download a table with a line for each insertion that has ended. Returns `path`."""
+        """Download a table with one line per insertion that has ended. Returns `path`."""
         return self._download(f"/api/v1/campaigns/{part(campaign_id)}/results?format=csv", path)
 
     def campaign_report(self, campaign_id: str, path: Path) -> Path:
@@ -112,7 +113,7 @@ class CampaignCalls(Connection):
         return dict(self._json("POST", "/api/v1/comparisons", json=body))
 
     def trend(self, suite: str) -> list[dict[str, Any]]:
-        """The suite's campaigns, oldest first, each with what became of it against those before."""
+        """The suite's campaigns, oldest first, each with its marks against earlier ones."""
         return list(self._json("GET", f"/api/v1/trends/{part(suite)}")["points"])
 
     # -- schedules
@@ -126,17 +127,17 @@ class CampaignCalls(Connection):
         return dict(self._json("POST", "/api/v1/schedules", json=dict(request)))
 
     def change_schedule(self, schedule_id: str, changes: Mapping[str, Any]) -> dict[str, Any]:
-        """Other values for some of its fields."""
+        """Change some of its fields. Returns the schedule."""
         return dict(self._json("PATCH", f"/api/v1/schedules/{part(schedule_id)}", json=dict(changes)))
 
     def trigger_schedule(self, schedule_id: str) -> dict[str, Any]:
-        """Run its campaign now; what became of that."""
+        """Run its campaign now. Returns the outcome."""
         return dict(self._json("POST", f"/api/v1/schedules/{part(schedule_id)}/trigger"))
 
     def schedule_runs(self, schedule_id: str, *, limit: int = 20) -> list[dict[str, Any]]:
-        """What became of its ticks, newest first."""
+        """Its runs, newest first."""
         return list(self._json("GET", f"/api/v1/schedules/{part(schedule_id)}/runs", params={"limit": limit})["items"])
 
     def delete_schedule(self, schedule_id: str) -> None:
-        """Forget a schedule and its history; the campaigns that it started stay."""
+        """Delete a schedule and its history; the campaigns that it started are kept."""
         self._request("DELETE", f"/api/v1/schedules/{part(schedule_id)}")

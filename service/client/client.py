@@ -1,4 +1,4 @@
-"""Talks to the service from Python: submit, follow, fetch. Documented as `from needlebench import Client`."""
+"""The Python client of the service. Documented as `from needlebench import Client`."""
 
 from __future__ import annotations
 
@@ -12,28 +12,50 @@ from typing import TYPE_CHECKING, Any
 import httpx2
 
 from service.client.campaigns import CampaignCalls
-from service.client.connection import CannotWrite, ServiceError, Unreachable, part, refusal
+from service.client.connection import CannotWriteError, ServiceError, UnreachableError, part, refusal
 from service.client.models import ModelCalls
-from service.client.records import JobEvent, JobStatus, Progress, Uploaded
-from service.files.references import references
+from service.client.records import JobEvent, JobStatus, Progress, UploadedFile
+from service.client.uploads import UploadCalls
+from service.files.upload_names import references
 from simcore.scenario.scenario import Scenario
 
 if TYPE_CHECKING:
     from service.local.verify import Verdict
     from simcore.rollout.records import Observer
 
-__all__ = ["CannotWrite", "Client", "JobEvent", "JobStatus", "Progress", "ServiceError", "Unreachable", "Uploaded"]
+__all__ = [
+    "CannotWriteError",
+    "Client",
+    "JobEvent",
+    "JobStatus",
+    "Progress",
+    "ServiceError",
+    "UnreachableError",
+    "UploadedFile",
+]
 
-POLL_S = 20.0  # longest wait for an answer to one question of `wait`
+POLL_S = 20.0  # longest wait of one request of `wait`
 _RETRIED_S = 30.0
 _PAUSE_S = 0.3  # before connecting again
 
 
-class Client(CampaignCalls, ModelCalls):
+class Client(CampaignCalls, ModelCalls, UploadCalls):
     """A connection to one service. Use it as a context manager, or close it.
 
-    url: as printed by `needlebench serve`. api_key: what the service was started with, on any address but loopback.
-    Raises ServiceError when the service refuses and Unreachable when there is none.
+    url: as printed by `needlebench serve`. api_key: a key of the service, if it requires one.
+    Every call raises ServiceError when the service refuses it and UnreachableError when no service answers.
+
+    Example: run an insertion into softer tissue, and download its recording.
+
+        from pathlib import Path
+
+        from needlebench import Client
+
+        with Client("http://127.0.0.1:8321") as client:
+            job = client.submit({"tissue": {"young_kpa": 3.0}})
+            job = client.wait(job.id, progress=lambda now: print(f"{now.state} {now.progress.fraction:.0%}"))
+            print(job.success, client.metrics(job.id)["metrics"]["rmse_mm"])
+            client.recording(job.id, Path("softer.rrd"))
     """
 
     def submit(
@@ -47,7 +69,7 @@ class Client(CampaignCalls, ModelCalls):
         """Queue a scenario, its JSON data, or a built-in one by name. Higher priority runs first.
 
         timeout_s: most wall time of an attempt; None = an hour, or four times the service's estimate if that is
-        longer. idempotency_key: sent again with the same request, it gives the same job.
+        longer. idempotency_key: repeated with the same request, it returns the same job.
         """
         data = scenario.resolved() if isinstance(scenario, Scenario) else scenario
         body: dict[str, Any] = {"scenario": data, "priority": priority}
@@ -79,7 +101,7 @@ class Client(CampaignCalls, ModelCalls):
         progress: Callable[[JobStatus], None] | None = None,
         timeout_s: float | None = None,
     ) -> JobStatus:
-        """Until the job has ended; `progress` sees each change. Outlasts a restart of the service.
+        """Wait until the job has ended; `progress` is called at each change. Survives a restart of the service.
 
         Raises TimeoutError after `timeout_s`.
         """
@@ -104,7 +126,7 @@ class Client(CampaignCalls, ModelCalls):
                 path = f"/api/v1/jobs/{part(job_id)}"
                 answer = self._request("GET", path, params={"wait": wait_s}, headers=headers)
                 break
-            except Unreachable:
+            except UnreachableError:
                 if time.monotonic() > give_up:
                     raise
                 time.sleep(0.5)
@@ -113,23 +135,23 @@ class Client(CampaignCalls, ModelCalls):
         return JobStatus.of(answer.json()), answer.headers.get("etag")
 
     def cancel(self, job_id: str) -> JobStatus:
-        """Cancel a queued or running job; once more is no error."""
+        """Cancel a queued or running job. Idempotent."""
         return JobStatus.of(self._json("POST", f"/api/v1/jobs/{part(job_id)}/cancel"))
 
     def retry(self, job_id: str) -> JobStatus:
-        """Queue a job again that failed, was cancelled or ran out of time."""
+        """Queue a job again that failed, was cancelled or timed out."""
         return JobStatus.of(self._json("POST", f"/api/v1/jobs/{part(job_id)}/retry"))
 
     def pin(self, job_id: str) -> JobStatus:
-        """Keep the job and its files whatever is cleared away."""
+        """Keep the job and its files when old jobs are removed."""
         return JobStatus.of(self._json("POST", f"/api/v1/jobs/{part(job_id)}/pin"))
 
     def unpin(self, job_id: str) -> None:
-        """Keep it no longer."""
+        """Allow it to be removed again."""
         self._request("DELETE", f"/api/v1/jobs/{part(job_id)}/pin")
 
     def events(self, job_id: str, *, after: int = 0) -> Iterator[JobEvent]:
-        """What happens to the job, as it happens, until it has ended. Outlasts a restart of the service.
+        """The events of the job as they happen, until it has ended. Survives a restart of the service.
 
         Each change of state comes once; progress comes at most twice a second.
         """
@@ -141,18 +163,18 @@ class Client(CampaignCalls, ModelCalls):
                         return
                     known, give_up = event.id or known, time.monotonic() + _RETRIED_S
                     yield event
-            except (Unreachable, httpx2.TransportError):
+            except (UnreachableError, httpx2.TransportError):
                 if time.monotonic() > give_up:
-                    raise Unreachable(f"the events from {self.url} broke off") from None
+                    raise UnreachableError(f"the stream of events from {self.url} was interrupted") from None
             time.sleep(_PAUSE_S)
 
     def history(self, job_id: str) -> list[JobEvent]:
-        """What has happened to the job so far, without progress."""
+        """The events of the job so far, without progress."""
         items = self._json("GET", f"/api/v1/jobs/{part(job_id)}/events")["items"]
         return [JobEvent.of(item["kind"], item) for item in items]
 
     def _streamed(self, path: str, known: int) -> Iterator[JobEvent | None]:
-        """The events of one connection after number `known`; None when there will be no more of them."""
+        """The events of one connection after number `known`; None once there can be no more."""
         headers = {"Accept": "text/event-stream", **({"Last-Event-ID": str(known)} if known else {})}
         kind, data = "", ""
         with self._http.stream("GET", path, headers=headers) as answer:
@@ -177,7 +199,7 @@ class Client(CampaignCalls, ModelCalls):
         return JobStatus.of(self._json("POST", "/api/v1/models/train", json={"data": data, "kind": kind, **settings}))
 
     def delete(self, job_id: str) -> None:
-        """Forget a job that has ended, with all its files."""
+        """Delete a job that has ended, with all its files."""
         self._request("DELETE", f"/api/v1/jobs/{part(job_id)}")
 
     def metrics(self, job_id: str) -> dict[str, Any]:
@@ -195,81 +217,50 @@ class Client(CampaignCalls, ModelCalls):
     def verify(self, job_id: str, observer: Observer | None = None) -> Verdict:
         """Run the job's scenario again in this process and compare: identical, equal within 1e-6 mm, or different.
 
-        Uploads that the scenario names are fetched. Raises CannotVerify when the job has no result, trained a model, or
-        names an upload that the service no longer has.
+        Uploads that the scenario names are downloaded. Raises CannotVerifyError when the job has no result, trained a
+        model, or names an upload that the service no longer has.
         """
-        from service.local.verify import CannotVerify, load_series, verify
+        from service.local.verify import CannotVerifyError, load_series, verify
 
         job = self.job(job_id)
         if job.result is None:
-            raise CannotVerify(f"job {job_id} is {job.state}: it has no result")
+            raise CannotVerifyError(f"job {job_id} is {job.state}: it has no result")
         if job.scenario is None:
-            raise CannotVerify(f"job {job_id} trained a model: train it again, the same SHA-256 must come out")
+            raise CannotVerifyError(f"job {job_id} trained a model: train it again and compare the SHA-256")
         with tempfile.TemporaryDirectory() as name:
             folder = Path(name)
             for field_name, upload_id in references(dict(job.scenario)):
-                self._fetched(upload_id, folder, f"{field_name} of job {job_id}")
+                self._fetch_upload(upload_id, folder, f"{field_name} of job {job_id}")
             series = load_series(self.series(job_id, folder / "series.npz"))
             return verify(job.result, series, observer, uploads=folder)
 
-    def _fetched(self, upload_id: str, folder: Path, what: str) -> Path:
-        from service.local.verify import CannotVerify
+    def _fetch_upload(self, upload_id: str, folder: Path, what: str) -> Path:
+        from service.local.verify import CannotVerifyError
 
         try:
             return self.upload_file(upload_id, folder / upload_id)
         except ServiceError as error:
             if error.status != 404:
                 raise
-            raise CannotVerify(f"{what} names the upload {upload_id}, which the service no longer has") from None
+            raise CannotVerifyError(f"{what} names the upload {upload_id}, which the service no longer has") from None
 
     def log(self, job_id: str) -> str:
-        """What the job's last attempt logged so far."""
+        """The log of the job's last attempt so far."""
         return self._request("GET", f"/api/v1/jobs/{part(job_id)}/log").text
 
     def artefacts(self, job_id: str) -> list[dict[str, Any]]:
-        """The files that the job left: kind, name, bytes, sha256 and url of each."""
+        """The files of the job: kind, name, bytes, sha256 and url of each."""
         return list(self._json("GET", f"/api/v1/jobs/{part(job_id)}/artefacts")["items"])
 
     def clear(self, *, dry_run: bool = False, **policy: float | None) -> dict[str, Any]:
-        """Clear away jobs that have ended: older_than_s, keep_last, max_bytes. What went, or would go."""
+        """Remove ended jobs by older_than_s, keep_last, max_bytes. Returns what was removed, or would be."""
         body = {**{name: value for name, value in policy.items() if value is not None}, "dry_run": dry_run}
         return dict(self._json("POST", "/api/v1/gc", json=body))
 
-    def upload(self, path: Path, *, kind: str | None = None) -> Uploaded:
-        """Send a tissue mesh, a model or a data set; kind: mesh, model or dataset, by default what the suffix says. The
-        same content sent again is the same upload. A scenario or a training names it by its `reference`."""
-        kind = kind or {".json": "model", ".npz": "dataset"}.get(path.suffix.lower(), "mesh")
-        with path.open("rb") as file:
-            headers = {"Content-Type": "application/octet-stream"}
-            params = {"kind": kind, "name": path.name}
-            raw = self._json("POST", "/api/v1/uploads", params=params, content=file, headers=headers, timeout=300.0)
-        return Uploaded.of(raw)
-
-    def upload_file(self, upload_id: str, path: Path) -> Path:
-        """Download what was sent in. Returns `path`."""
-        return self._download(f"/api/v1/uploads/{part(upload_id)}/content", path)
-
-    def pin_upload(self, upload_id: str) -> Uploaded:
-        """Keep it whatever is cleared away."""
-        return Uploaded.of(self._json("POST", f"/api/v1/uploads/{part(upload_id)}/pin"))
-
-    def unpin_upload(self, upload_id: str) -> None:
-        """Keep it no longer."""
-        self._request("DELETE", f"/api/v1/uploads/{part(upload_id)}/pin")
-
-    def uploads(self) -> list[Uploaded]:
-        """What was sent in, newest first."""
-        return [Uploaded.of(raw) for raw in self._json("GET", "/api/v1/uploads", params={"limit": 1000})["items"]]
-
-    def delete_upload(self, upload_id: str) -> None:
-        """Delete an upload that is not pinned and that no queued or running job names."""
-        self._request("DELETE", f"/api/v1/uploads/{part(upload_id)}")
-
     def scenarios(self) -> dict[str, str]:
-        """Built-in scenarios: name -> one line on it."""
-        found = self._json("GET", "/api/v1/scenarios")["items"]
-        return {item["name"]: item["description"] for item in found}
+        """Built-in scenarios: name -> description."""
+        return {item["name"]: item["description"] for item in self._json("GET", "/api/v1/scenarios")["items"]}
 
     def ready(self) -> dict[str, Any]:
-        """What /readyz says."""
+        """The readiness of the service, as /readyz reports it."""
         return dict(self._json("GET", "/readyz"))

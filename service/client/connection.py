@@ -21,21 +21,21 @@ class ServiceError(NeedlebenchError):
         super().__init__("\n".join(str(problem) for problem in problems) or detail)
 
 
-class Unreachable(NeedlebenchError):
-    """Nobody answers at the address."""
+class UnreachableError(NeedlebenchError):
+    """No service answers at the address."""
 
 
-class CannotWrite(NeedlebenchError):
-    """A download has nowhere to go; says which file and why."""
+class CannotWriteError(NeedlebenchError):
+    """The file of a download cannot be written; says which and why."""
 
 
 def part(name: str) -> str:
-    """An id or a name as one part of an address, whatever is in it, dots that would lead elsewhere included."""
+    """An id or a name as one part of an address, whatever its characters; dots cannot lead to another path."""
     return quote(name, safe="") if name.strip(".") else name.replace(".", "%2E") or "%20"
 
 
 class Connection:
-    """What every part of the client speaks through. Use it as a context manager, or close it."""
+    """An HTTP connection to one service. Use it as a context manager, or close it."""
 
     def __init__(self, url: str, api_key: str | None = None, *, timeout_s: float = 30.0) -> None:
         if api_key and not (api_key.isascii() and api_key.isprintable()):
@@ -51,7 +51,7 @@ class Connection:
                 trust_env=not local,  # a proxy cannot reach this machine's loopback
             )
         except (ValueError, httpx2.InvalidURL) as error:
-            raise Unreachable(
+            raise UnreachableError(
                 f"{url!r} is not the address of a service, as in http://127.0.0.1:8321: {error}"
             ) from None
 
@@ -64,7 +64,7 @@ class Connection:
         self.close()
 
     def close(self) -> None:
-        """Give the connections back."""
+        """Close the connections."""
         self._http.close()
 
     def _json(self, method: str, path: str, **options: Any) -> Any:
@@ -73,14 +73,14 @@ class Connection:
             return answer.json()
         except ValueError:
             raise ServiceError(
-                answer.status_code, f"what answers at {self.url} is no needlebench service", []
+                answer.status_code, f"what answers at {self.url} is not a needlebench service", []
             ) from None
 
     def _request(self, method: str, path: str, **options: Any) -> httpx2.Response:
         try:
             answer = self._http.request(method, path, **options)
         except httpx2.TransportError as error:
-            raise Unreachable(
+            raise UnreachableError(
                 f"no needlebench service answers at {self.url} ({error}): start one with needlebench serve"
             ) from None
         if answer.is_error:
@@ -99,7 +99,7 @@ class Connection:
                         file.write(chunk)
             draft.replace(target)
         except httpx2.TransportError as error:
-            raise Unreachable(f"the download from {self.url} broke off: {error}") from None
+            raise UnreachableError(f"the download from {self.url} was interrupted: {error}") from None
         finally:
             draft.unlink(missing_ok=True)
         return target
@@ -109,14 +109,14 @@ def _writable(draft: Path, target: Path) -> BinaryIO:
     try:
         return draft.open("wb")
     except OSError as error:
-        raise CannotWrite(f"{target} cannot be written: {error.strerror}") from None
+        raise CannotWriteError(f"{target} cannot be written: {error.strerror}") from None
 
 
 def refusal(answer: httpx2.Response) -> ServiceError:
-    """The error that the service answered with."""
+    """The error behind a response of the service."""
     try:
         problem = answer.json()
-        found = [Problem(e["field"], e["value"], e["message"]) for e in problem.get("errors") or []]
-        return ServiceError(answer.status_code, str(problem["detail"]), found)
+        wrong = [Problem(e["field"], e["value"], e["message"]) for e in problem.get("errors") or []]
+        return ServiceError(answer.status_code, str(problem["detail"]), wrong)
     except (ValueError, KeyError, TypeError):
         return ServiceError(answer.status_code, f"{answer.status_code}: not a needlebench service?", [])

@@ -12,7 +12,7 @@ from service.client.connection import Connection, part
 
 @dataclass(frozen=True, kw_only=True)
 class ModelInfo:
-    """A model as the service told it; `raw` is its JSON. What its file does not say is None.
+    """A model as the service reported it; `raw` is its JSON. Values that its file does not give are None.
 
     reference: `controller.model` of a scenario that steers by it, with `controller.kind` = kind. source: packaged,
     uploaded or trained. test_rmse_mm: of Delta P along x, y, z. job: id of its training.
@@ -32,6 +32,7 @@ class ModelInfo:
 
     @classmethod
     def of(cls, raw: Mapping[str, Any]) -> Self:
+        """From the JSON of the service."""
         return cls(**{name: raw[name] for name in cls.__dataclass_fields__ if name != "raw"}, raw=raw)
 
 
@@ -39,7 +40,7 @@ class ModelCalls(Connection):
     """Models and controllers."""
 
     def models(self) -> list[ModelInfo]:
-        """Those that were trained or sent in, newest first, then those that come along."""
+        """Those that were trained or uploaded, newest first, then the bundled ones."""
         return [ModelInfo.of(raw) for raw in self._json("GET", "/api/v1/models", params={"limit": 1000})["items"]]
 
     def model(self, model_id: str) -> ModelInfo:

@@ -1,4 +1,4 @@
-"""What the Python client returns: jobs, their progress and events, files that were sent in."""
+"""What the Python client returns: jobs, their progress and events, uploads."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ TERMINAL = frozenset({"succeeded", "failed", "cancelled", "timed_out"})
 
 @dataclass(frozen=True, kw_only=True)
 class Progress:
-    """Where a running job is; values that are not known yet are None."""
+    """How far a running job is; values that are not known yet are None."""
 
     fraction: float
     step: int
@@ -24,12 +24,13 @@ class Progress:
 
     @classmethod
     def of(cls, raw: Mapping[str, Any]) -> Self:
+        """The progress of a job."""
         return cls(**{name: raw.get(name) for name in cls.__dataclass_fields__})  # type: ignore[arg-type]
 
 
 @dataclass(frozen=True, kw_only=True)
 class JobStatus:
-    """A job as the service told it; `raw` is its JSON. `scenario` and `result` are None in lists.
+    """A job as the service reported it; `raw` is its JSON. `scenario` and `result` are None in lists.
 
     kind: insertion, or training, which has no scenario.
     """
@@ -49,12 +50,13 @@ class JobStatus:
 
     @classmethod
     def of(cls, raw: Mapping[str, Any]) -> Self:
+        """From the JSON of the service."""
         named = {name: raw.get(name) for name in cls.__dataclass_fields__ if name not in ("raw", "progress")}
         return cls(**named, progress=Progress.of(raw["progress"]), raw=raw)  # type: ignore[arg-type]
 
     @property
     def terminal(self) -> bool:
-        """Whether nothing will happen to it any more."""
+        """Whether it has ended."""
         return self.state in TERMINAL
 
     @property
@@ -78,6 +80,7 @@ class JobEvent:
 
     @classmethod
     def of(cls, kind: str, raw: Mapping[str, Any]) -> Self:
+        """From the JSON of the service; `kind` as the stream gives it."""
         if kind != "progress":
             return cls(**raw)
         progress = Progress.of(raw)
@@ -85,8 +88,8 @@ class JobEvent:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Uploaded:
-    """A file that was sent in; a scenario names it by `reference`."""
+class UploadedFile:
+    """An uploaded file; a scenario refers to it by `reference`."""
 
     id: str
     reference: str
@@ -98,4 +101,5 @@ class Uploaded:
 
     @classmethod
     def of(cls, raw: Mapping[str, Any]) -> Self:
+        """From the JSON of the service."""
         return cls(**{name: raw[name] for name in cls.__dataclass_fields__})

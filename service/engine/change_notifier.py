@@ -1,4 +1,4 @@
-"""Tells those who wait in the server's event loop that a job changed."""
+"""Wakes coroutines of the server that wait for a job to change."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ import threading
 from collections.abc import Iterator
 from contextlib import contextmanager
 
-EVERYTHING = ""  # what those watch who want to hear of every job
+EVERYTHING = ""  # watched by those who want to hear of every job
 
 
 class Changes:

@@ -17,7 +17,7 @@ _log = logging.getLogger("needlebench")
 
 
 class Engine:
-    """The slots of one data folder. `start` and `stop` once; `poke` when there is something new to do."""
+    """The slots of one data folder. `start` and `stop` once; `wake` when there is something new to do."""
 
     def __init__(self, settings: Settings, store: Store, monitor: Monitor, uploads: Uploads) -> None:
         self._store = store
@@ -37,9 +37,9 @@ class Engine:
             slot.start()
 
     def drain(self) -> None:
-        """Begin nothing new; what runs may end."""
+        """Start nothing new; running jobs may end."""
         self._draining.set()
-        self.poke()
+        self.wake()
 
     @property
     def draining(self) -> bool:
@@ -48,27 +48,28 @@ class Engine:
 
     @property
     def busy(self) -> int:
-        """How many slots see a job through."""
+        """How many slots run a job."""
         return sum(slot.job_id is not None for slot in self._slots)
 
-    def course(self, job: Job) -> tuple[Point, ...]:
+    def trace(self, job: Job) -> tuple[Point, ...]:
         """The way of a running attempt so far; empty for any other."""
-        return next((points for slot in self._slots if (points := slot.course.of(job))), ())
+        return next((points for slot in self._slots if (points := slot.trace.points_of(job))), ())
 
     def stop(self) -> None:
         """End the workers; running jobs go back into the queue, without a crash counted against them."""
         self._stopping.set()
-        self.poke()
+        self.wake()
         for slot in self._slots:
             slot.join()
 
-    def poke(self) -> None:
+    def wake(self) -> None:
         """Wake idle slots."""
         with self._news:
             self._news.notify_all()
 
     @property
     def slots(self) -> int:
+        """How many there are."""
         return len(self._slots)
 
     @property
@@ -78,5 +79,5 @@ class Engine:
 
     @property
     def problem(self) -> str | None:
-        """Why a slot is out of work, if one is."""
+        """Why a slot takes no jobs, if one does not."""
         return next((slot.problem for slot in self._slots if slot.problem), None)

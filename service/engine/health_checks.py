@@ -1,4 +1,4 @@
-"""Is this place fit for work? One check a question; `/readyz` and `needlebench doctor` ask them."""
+"""Whether data folder, disk and database are usable: the checks behind `/readyz` and `needlebench doctor`."""
 
 from __future__ import annotations
 
@@ -7,18 +7,17 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal
 
-from sqlalchemy import Engine
-from sqlalchemy.exc import SQLAlchemyError
-
 from service.files.disk import WARNED_BYTES, free_bytes, readable
 from service.store.database import touch
+from service.store.errors import SQLAlchemyError
+from service.store.transactions import Transactions
 
 Level = Literal["ok", "warn", "bad"]
 
 
 @dataclass(frozen=True, kw_only=True)
 class Check:
-    """What was asked, how it is, what was found, and what to do about it if it is not well."""
+    """What was checked, the verdict, what was found, and what to do if it is not well."""
 
     name: str
     level: Level
@@ -27,7 +26,7 @@ class Check:
 
 
 def folder_check(data: Path) -> Check:
-    """Whether a file can be written to the data folder. Its path is not told: `/readyz` answers everybody."""
+    """Whether a file can be written to the data folder. Its path is not shown: `/readyz` answers everybody."""
     try:
         with tempfile.TemporaryFile(dir=data) as file:
             file.write(b"needlebench")
@@ -39,26 +38,26 @@ def folder_check(data: Path) -> Check:
 
 
 def disk_check(data: Path, minimum_bytes: int) -> Check:
-    """Whether there is room: below the minimum no job is begun."""
+    """Whether there is room: below the minimum no job is started."""
     try:
         free = free_bytes(data)
     except OSError as error:
         return Check(name="disk", level="bad", found=str(error), advice="mount the disk of the data folder")
     found = f"{readable(free)} free"
-    advice = "clear away old jobs: needlebench gc --older-than 30d"
+    advice = "remove old jobs: needlebench gc --older-than 30d"
     if free < minimum_bytes:
         return Check(
-            name="disk", level="bad", found=f"{found}: no job is begun below {readable(minimum_bytes)}", advice=advice
+            name="disk", level="bad", found=f"{found}: no job is started below {readable(minimum_bytes)}", advice=advice
         )
     return Check(name="disk", level="warn" if free < WARNED_BYTES else "ok", found=found, advice=advice)
 
 
-def database_check(engine: Engine) -> Check:
+def database_check(store: Transactions) -> Check:
     """Whether the database takes writes now."""
     try:
-        touch(engine)
+        touch(store.engine)
     except SQLAlchemyError as error:
         found = str(getattr(error, "orig", None) or error)
-        advice = "see that its disk has room and is writable, and that no other program holds the file"
+        advice = "check that its disk has room and is writable, and that no other program holds the file"
         return Check(name="database", level="bad", found=found, advice=advice)
     return Check(name="database", level="ok", found="takes writes")

@@ -1,4 +1,4 @@
-"""Looks after what spans jobs: ends campaigns whose jobs have ended, fires schedules, clears away old jobs."""
+"""Looks after what spans jobs: ends campaigns whose jobs have ended, fires schedules, removes old jobs."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from service.store.schedule import STARTED
 from service.store.schedules import ScheduleStore
 
 _log = logging.getLogger("needlebench")
-_LOOK_S = 1.0
+_TICK_S = 1.0
 SWEEP_S = 86_400.0
 
 
@@ -28,27 +28,28 @@ class Keeper(threading.Thread):
         schedules: ScheduleStore,
         planner: Planner,
         *,
-        poke: Callable[[], None],
+        wake: Callable[[], None],
         sweep: Callable[[], Cleared] | None = None,
         clock: Callable[[], float] = time.monotonic,
     ) -> None:
-        """poke: jobs were queued. sweep: clears away old jobs, at the first look and then once a day; None = never."""
+        """wake: jobs were queued. sweep: removes old jobs, at the first tick and then once a day; None = never."""
         super().__init__(name="keeper", daemon=True)
-        self._campaigns, self._schedules, self._poke = campaigns, schedules, poke
+        self._campaigns, self._schedules, self._wake = campaigns, schedules, wake
         self._planner = planner
         self._sweep, self._clock = sweep, clock
         self._next_sweep = clock()
         self._stopping = threading.Event()
 
     def run(self) -> None:
-        while not self._stopping.wait(_LOOK_S):
+        """Tick once a second until `stop`."""
+        while not self._stopping.wait(_TICK_S):
             try:
-                self.look()
-            except Exception as error:  # a full disk, a locked database: the next look tries again
+                self.tick()
+            except Exception as error:
                 _log.error("campaigns, schedules, retention: %s: %s", type(error).__name__, error)
 
-    def look(self) -> None:
-        """One look at all of them."""
+    def tick(self) -> None:
+        """One round over all of them."""
         for campaign in self._campaigns.settle():
             trends.kept_point(self._campaigns, campaign)
             _log.info("campaign %s (%s) is %s", campaign.id, campaign.name, campaign.state)
@@ -56,11 +57,11 @@ class Keeper(threading.Thread):
         for run in fired:
             _log.info("schedule %s: tick %.0f: %s %s", run.schedule_id, run.scheduled_for, run.outcome, run.message)
         if any(run.outcome == STARTED for run in fired):
-            self._poke()
+            self._wake()
         if self._sweep is not None and self._clock() >= self._next_sweep:
             self._next_sweep = self._clock() + SWEEP_S
             cleared = self._sweep()
-            _log.info("retention: %d jobs cleared away, %d bytes", len(cleared.jobs), cleared.bytes)
+            _log.info("retention: %d jobs removed, %d bytes", len(cleared.jobs), cleared.bytes)
 
     def stop(self) -> None:
         """End the thread; on return it is gone."""

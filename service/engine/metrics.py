@@ -87,6 +87,7 @@ class _Now(Collector):
         return iter(())
 
     def collect(self) -> Iterator[Metric]:
+        """What is so now, and the build."""
         for name, text, values in self._questions():
             if "" in values:
                 yield GaugeMetricFamily(name, text, value=values[""])

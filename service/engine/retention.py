@@ -1,4 +1,4 @@
-"""Clears away old jobs with their files, uploads that nothing names any more, and folders that belong to no job.
+"""Removes old jobs with their files, uploads that nothing names any more, and folders that belong to no job.
 
 A job's row goes first, then its folder: a kill in between leaves a folder without a job, which the next sweep finds.
 """
@@ -12,7 +12,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from service.files.disk import size_bytes
-from service.store.job import IllegalTransition, Job, UnknownJob
+from service.store.job import IllegalTransitionError, Job, UnknownJobError
 from service.store.jobs import Store
 from service.store.uploads import Uploads
 from simcore.errors import Problem, ScenarioError
@@ -60,7 +60,7 @@ def clear(store: Store, folder: Path, policy: Policy, *, dry_run: bool, uploads:
         if not dry_run:
             try:
                 store.delete(job.id)
-            except (IllegalTransition, UnknownJob):  # retried, pinned or deleted meanwhile
+            except (IllegalTransitionError, UnknownJobError):  # retried, pinned or deleted meanwhile
                 continue
             remove(folder / job.id)
         gone.append(job.id)
@@ -95,13 +95,13 @@ def _selected(ended: list[Job], sizes: dict[str, int], policy: Policy, now: floa
         going = candidates
     if policy.max_bytes is not None:
         chosen = {job.id for job in going}
-        held = sum(size for name, size in sizes.items() if name not in chosen)
+        kept_bytes = sum(size for name, size in sizes.items() if name not in chosen)
         for job in reversed(candidates):
-            if held <= policy.max_bytes:
+            if kept_bytes <= policy.max_bytes:
                 break
             if job.id not in chosen:
                 going.append(job)
-                held -= sizes[job.id]
+                kept_bytes -= sizes[job.id]
     return sorted(going, key=lambda job: (job.finished_at or 0.0, job.seq))
 
 
@@ -114,8 +114,8 @@ def _orphans(store: Store, folder: Path) -> list[Path]:
     present = sorted(folder.iterdir()) if folder.is_dir() else []
     attempts = {path: [part for part in path.iterdir() if part.name.isdigit()] for path in present if path.is_dir()}
     for path, parts in attempts.items():
-        with suppress(UnknownJob):
-            job = store.glance(path.name)
+        with suppress(UnknownJobError):
+            job = store.get_summary(path.name)
             found += [part for part in parts if job.terminal and int(part.name) < job.attempt]
             continue
         found.append(path)

@@ -7,7 +7,7 @@ import shutil
 from pathlib import Path
 
 WARNED_BYTES = 2 * 2**30  # below: readiness and the page warn
-MINIMUM_BYTES = 256 * 2**20  # below: no job is begun; a long recording has some 100 MB
+MINIMUM_BYTES = 256 * 2**20  # below: no job is started; a long recording has some 100 MB
 REFUSALS = frozenset({errno.ENOSPC, errno.EDQUOT, errno.EROFS})  # of a disk that is full or read-only
 
 

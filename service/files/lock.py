@@ -3,56 +3,41 @@
 from __future__ import annotations
 
 import os
-import sys
-import time
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
+from filelock import FileLock, Timeout
+
 from simcore.errors import NeedlebenchError
 
+_POLL_S = 0.05
 
-class Busy(NeedlebenchError):
-    """Another process holds the lock."""
+
+class LockHeldError(NeedlebenchError):
+    """Another process holds the lock; the message is what it wrote about itself, or empty."""
 
 
 @contextmanager
-def held(path: Path, *, wait: bool = False) -> Iterator[None]:
-    """Hold the lock on `path`; the system lets go of it when the process ends, however it ends.
+def file_lock(path: Path, *, wait: bool = False) -> Iterator[None]:
+    """Hold the lock on `path`; the system releases it when the process ends, however it ends.
 
-    Raises Busy, with what the holder wrote into the file, unless `wait`.
+    Raises LockHeldError unless `wait`.
     """
     path.parent.mkdir(parents=True, exist_ok=True)
-    handle = os.open(path, os.O_RDWR | os.O_CREAT, 0o644)
+    # preserve_lock_file: never a lock that is only a file which exists; a killed process would leave it behind
+    lock = FileLock(path, poll_interval=_POLL_S, preserve_lock_file=True)
     try:
-        while not _take(handle):
-            if not wait:
-                raise Busy(os.pread(handle, 100, 0).decode(errors="replace").strip() if os.name != "nt" else "")
-            time.sleep(0.05)
+        lock.acquire(blocking=wait)
+    except Timeout:
+        raise LockHeldError(_holder(path)) from None
+    try:
         if os.name != "nt":  # Windows locks are mandatory: nobody could read it
-            os.ftruncate(handle, 0)
-            os.pwrite(handle, f"process {os.getpid()}\n".encode(), 0)
+            path.write_text(f"process {os.getpid()}\n", encoding="utf-8")
         yield
     finally:
-        os.close(handle)
+        lock.release()
 
 
-if sys.platform == "win32":
-    import msvcrt
-
-    def _take(handle: int) -> bool:
-        try:
-            os.lseek(handle, 0, os.SEEK_SET)
-            msvcrt.locking(handle, msvcrt.LK_NBLCK, 1)
-        except OSError:
-            return False
-        return True
-else:
-    import fcntl
-
-    def _take(handle: int) -> bool:
-        try:
-            fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
-        except BlockingIOError:
-            return False
-        return True
+def _holder(path: Path) -> str:
+    return "" if os.name == "nt" else path.read_text(encoding="utf-8", errors="replace").strip()

@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from service.worker.attempt import clean
+from service.files.strict_json import without_nan
 
 Arrays = dict[str, NDArray[np.generic]]
 _AXES = {3: ("x", "y", "z"), 4: ("w", "x", "y", "z")}
@@ -31,7 +31,7 @@ def load(path: Path, names: list[str] | None = None) -> Arrays:
 
 def as_json(arrays: Arrays) -> str:
     """{name: nested lists}; numbers that are not finite become null."""
-    return json.dumps({name: clean(array.tolist()) for name, array in arrays.items()}, allow_nan=False)
+    return json.dumps({name: without_nan(array.tolist()) for name, array in arrays.items()}, allow_nan=False)
 
 
 def as_csv(arrays: Arrays) -> str:

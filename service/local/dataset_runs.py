@@ -5,7 +5,7 @@ from __future__ import annotations
 import hashlib
 import json
 import zipfile
-from collections.abc import Iterator, Sequence
+from collections.abc import Generator, Sequence
 from contextlib import closing
 from pathlib import Path
 
@@ -19,7 +19,7 @@ from simcore.rollout.artefacts import replace_atomically
 from simcore.rollout.dataset import VARIABLES, DatasetError, table_one
 
 
-class Kept:
+class InsertionCache:
     """Finished insertions in a folder, one file each, named by scenario and code: an interrupted run goes on."""
 
     def __init__(self, folder: Path) -> None:
@@ -38,7 +38,7 @@ class Kept:
         except (OSError, KeyError, ValueError, EOFError, zipfile.BadZipFile):
             return None
 
-    def gathered(self, outcome: Outcome) -> Insertion:
+    def collect(self, outcome: Outcome) -> Insertion:
         """What a worker has just finished; its series, of which only table I is wanted, is removed."""
         case, result = outcome.case, outcome.result
         if result["status"] == CRASHED:
@@ -57,21 +57,21 @@ class Kept:
         replace_atomically(self._file(done.case), lambda file: np.savez(file, allow_pickle=False, **arrays))
 
 
-def insertions(cases: Sequence[Case], *, workers: int, kept: Kept) -> Iterator[Insertion]:
-    """Each insertion as soon as it is finished, those that were kept first; one case at a time on each worker.
+def insertions(cases: Sequence[Case], *, workers: int, cache: InsertionCache) -> Generator[Insertion, None, None]:
+    """Each insertion as soon as it is finished, those in the cache first; one case at a time on each worker.
 
     Raises DatasetError for an insertion that left no result. Whoever stops asking stops the workers.
     """
     waiting: list[Case] = []
     for case in cases:
-        known = kept.find(case)
+        known = cache.find(case)
         if known is not None:
             yield known
         else:
             waiting.append(case)
-    kept.folder.mkdir(parents=True, exist_ok=True)
-    with Crew(workers, folder=kept.folder, files=Path.cwd()) as crew, closing(crew.run_many(waiting)) as outcomes:
+    cache.folder.mkdir(parents=True, exist_ok=True)
+    with Crew(workers, folder=cache.folder, files=Path.cwd()) as crew, closing(crew.run_many(waiting)) as outcomes:
         for outcome in outcomes:
-            done = kept.gathered(outcome)
-            kept.keep(done)
+            done = cache.collect(outcome)
+            cache.keep(done)
             yield done

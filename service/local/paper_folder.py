@@ -19,7 +19,7 @@ from pathlib import Path
 from typing import Any, BinaryIO
 
 from benchmarks.cases import Case, Outcome, RunMany
-from service.files.lock import Busy, held
+from service.files.lock import LockHeldError, file_lock
 from simcore.errors import Problem, ScenarioError
 from simcore.rollout.artefacts import replace_atomically
 
@@ -30,7 +30,7 @@ FOUNDATION = ("element_size_mm", "dt_s", "training", "samples", "nodes")  # of a
 
 
 class PaperFolder:
-    """An open folder; made by `opened`."""
+    """An open folder; made by `open_folder`."""
 
     def __init__(self, path: Path) -> None:
         self.path = path
@@ -44,7 +44,7 @@ class PaperFolder:
         except FileNotFoundError:
             return None
         except (OSError, ValueError, KeyError, TypeError) as error:
-            raise self._refused(f"holds {RESULTS}/{case.id}.json, which is unreadable: {error}; remove it") from None
+            raise self.refusal(f"holds {RESULTS}/{case.id}.json, which is unreadable: {error}; remove it") from None
         return Outcome(case, stored["result"]) if same else None
 
     def keep(self, outcome: Outcome) -> None:
@@ -53,7 +53,7 @@ class PaperFolder:
         stored = {"id": case.id, "labels": case.labels, "result": outcome.result}
         write_json(self.path / RESULTS / f"{case.id}.json", stored)
 
-    def remembering(self, run_many: RunMany) -> RunMany:
+    def cached(self, run_many: RunMany) -> RunMany:
         """`run_many` for what is not here yet: finished cases come first, as stored; new ones are stored at once."""
 
         def run(cases: Sequence[Case]) -> Iterator[Outcome]:
@@ -65,12 +65,13 @@ class PaperFolder:
 
         return run
 
-    def _refused(self, message: str) -> ScenarioError:
+    def refusal(self, message: str) -> ScenarioError:
+        """The error that says what is wrong with the folder."""
         return ScenarioError([Problem("--out", str(self.path), message)])
 
 
 @contextmanager
-def opened(
+def open_folder(
     path: Path, identity: dict[str, Any], *, any_commit: bool = False, extend: bool = False
 ) -> Iterator[PaperFolder]:
     """The folder for the run `identity`: new, or that of this very run, locked for as long as it is open.
@@ -85,15 +86,15 @@ def opened(
         for part in (RESULTS, SERIES, MODELS, RECORDINGS):
             (path / part).mkdir(parents=True, exist_ok=True)
     except OSError as error:
-        raise folder._refused(f"cannot be written: {error.strerror}") from None
+        raise folder.refusal(f"cannot be written: {error.strerror}") from None
     try:
-        with held(path / ".lock"):
+        with file_lock(path / ".lock"):
             if extend or not (path / RUN).exists():
                 write_json(path / RUN, identity)
             _sweep(path)
             yield folder
-    except Busy as error:
-        raise folder._refused(f"is in use by {error or 'another process'}") from None
+    except LockHeldError as error:
+        raise folder.refusal(f"is in use by {error or 'another process'}") from None
 
 
 def _check(folder: PaperFolder, identity: dict[str, Any], any_commit: bool, extend: bool) -> None:
@@ -101,25 +102,25 @@ def _check(folder: PaperFolder, identity: dict[str, Any], any_commit: bool, exte
     if not path.exists():
         return
     if not path.is_dir():
-        raise folder._refused("is not a folder")
+        raise folder.refusal("is not a folder")
     try:
         begun = json.loads((path / RUN).read_bytes())
     except FileNotFoundError:
         if any(item.name not in (RESULTS, SERIES, MODELS, RECORDINGS, ".lock") for item in path.iterdir()):
-            raise folder._refused("holds files that are of no run of the paper; take an empty folder") from None
+            raise folder.refusal("holds files that belong to no run of the paper; choose an empty folder") from None
         return
     except (OSError, ValueError) as error:
-        raise folder._refused(f"holds a {RUN} that is unreadable: {error}") from None
+        raise folder.refusal(f"holds a {RUN} that is unreadable: {error}") from None
     old, new = begun.get("scale", {}), identity["scale"]
     differing = [key for key in FINGERPRINT if begun.get(key) != identity[key]]
     if extend and begun.get("schema") == identity["schema"]:
         differing = [key for key in FOUNDATION if old.get(key) != new.get(key)]
     if differing:
-        name, way = old.get("name", "unknown"), "take another folder" if extend else "take another folder, or --extend"
-        raise folder._refused(f"holds another run (scale {name}, {differing[0]} differs); {way}")
+        scale, advice = old.get("name", "unknown"), "choose another folder" + ("" if extend else ", or --extend")
+        raise folder.refusal(f"holds another run (scale {scale}, {differing[0]} differs); {advice}")
     if begun.get("commit") != identity["commit"] and not any_commit:
         commits = f"{begun.get('commit')} and not {identity['commit']}"
-        raise folder._refused(f"was begun by commit {commits}; take another folder, or go on with --any-commit")
+        raise folder.refusal(f"was started by commit {commits}; choose another folder, or continue with --any-commit")
 
 
 def _sweep(path: Path) -> None:

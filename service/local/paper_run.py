@@ -12,11 +12,12 @@ from typing import Any, Protocol
 
 import numpy as np
 
-from benchmarks.cases import Case, Outcome, RunMany
-from benchmarks.paper import pipeline as paper
-from benchmarks.paper.plan import Cost, Plan, Stage, probes, steps
+from benchmarks.cases import Case, Outcome
+from benchmarks.paper.pipeline import Findings, rerun
+from benchmarks.paper.plan import Plan, Stage, StepCost, probes, steps
 from service.local.paper_folder import RECORDINGS, SCHEMA, SERIES, PaperFolder, write_text
-from service.worker.crew import RECORDING, Crew
+from service.worker.crew import Crew
+from service.worker.insertion_job import RECORDING_RUNNER
 from simcore.errors import NeedlebenchError, Problem, ScenarioError
 from simcore.file_names import names_mean
 from simcore.provenance import commit
@@ -26,22 +27,22 @@ DATASET = "dataset.npz"
 SPARE = 1.2  # of the estimated disk space
 
 
-class NotReproduced(NeedlebenchError):
+class NotReproducedError(NeedlebenchError):
     """A second run of the same scenario gave another digest."""
 
 
-class NoCost(NeedlebenchError):
-    """The two insertions that are to tell what a step costs did not work."""
+class CostProbeError(NeedlebenchError):
+    """The two insertions that measure what a step costs did not succeed."""
 
 
-class Watcher(Protocol):
-    """Who is told how far it is."""
+class ProgressListener(Protocol):
+    """Hears how far a run is."""
 
     def begin(self, stage: Stage) -> None:
         """A stage begins."""
 
     def ended(self, outcome: Outcome, *, fresh: bool) -> None:
-        """An insertion of it is there; `fresh`: it was run now."""
+        """An insertion of it has ended; fresh: it was run now, not read from the folder."""
 
     def say(self, text: str) -> None:
         """Something else happens."""
@@ -53,15 +54,15 @@ def identity(plan: Plan) -> dict[str, Any]:
     return {"schema": SCHEMA, "scale": scale, "plan_sha256": plan.sha256, "commit": commit()}
 
 
-def measured_cost(plan: Plan, crew: Crew) -> Cost:
-    """CPU seconds of a step, from two insertions at the plan's discretisation. Raises NoCost."""
+def measured_cost(plan: Plan, crew: Crew) -> StepCost:
+    """CPU seconds of a step, from two insertions at the plan's discretisation. Raises CostProbeError."""
     each = {}
     with tempfile.TemporaryDirectory(prefix="needlebench-") as scratch:
         for outcome in crew.run_many(probes(plan.scale), folder=Path(scratch)):
             if "cost" not in outcome.result:
-                raise NoCost(f"{outcome.case.id}: {outcome.result['message']}")
+                raise CostProbeError(f"{outcome.case.id}: {outcome.result['message']}")
             each[outcome.case.id] = outcome.result["cost"]["cpu_s"] / steps(outcome.case)
-    return Cost(ifem_s=each["probe-ifem"], plain_s=each["probe-plain"])
+    return StepCost(ifem_s=each["probe-ifem"], plain_s=each["probe-plain"])
 
 
 def enough_space(plan: Plan, path: Path) -> None:
@@ -82,67 +83,77 @@ class PaperRun:
     plan: Plan
     folder: PaperFolder
     crew: Crew
-    watcher: Watcher
+    listener: ProgressListener
     train: Callable[[str, int, Dataset], str]
 
-    def run(self) -> paper.Findings:
+    def run(self) -> Findings:
         """Every stage; what the folder already has is not run again."""
         root = self.folder.path
         with names_mean(lambda name: root / name):
-            return paper.rerun(self.plan, self._hands())
+            return rerun(self.plan, self)
 
-    def _hands(self) -> paper.Hands:
-        return paper.Hands(
-            run_many=self._run(alone=False),
-            run_alone=self._run(alone=True),
-            begin=self.watcher.begin,
-            table=self._table,
-            keep=lambda data: save_dataset(data, self.folder.path / DATASET),
-            train=self.train,
-            store=lambda name, text: write_text(self.folder.path / name, text),
-            stored=lambda name: (self.folder.path / name).exists(),
-            record=self._record,
-        )
+    # ---- the ports of the stages (`PaperPorts`)
 
-    def _run(self, *, alone: bool) -> RunMany:
-        """`run_many` of what is not in the folder yet, told to the watcher."""
+    def run_many(self, cases: Sequence[Case]) -> Iterator[Outcome]:
+        """On all workers."""
+        return self._run(cases, alone=False)
 
-        def run(cases: Sequence[Case]) -> Iterator[Outcome]:
-            new: set[str] = set()
+    def run_alone(self, cases: Sequence[Case]) -> Iterator[Outcome]:
+        """One after the other."""
+        return self._run(cases, alone=True)
 
-            def fresh(left: Sequence[Case]) -> Iterator[Outcome]:
-                new.update(case.id for case in left)
-                with closing(self.crew.run_many(left, alone=alone)) as outcomes:
-                    yield from outcomes
+    def _run(self, cases: Sequence[Case], *, alone: bool) -> Iterator[Outcome]:
+        """Run what is not in the folder yet, and report everything to the listener."""
+        new: set[str] = set()
 
-            for outcome in self.folder.remembering(fresh)(cases):
-                self.watcher.ended(outcome, fresh=outcome.case.id in new)
-                yield outcome
+        def fresh(left: Sequence[Case]) -> Iterator[Outcome]:
+            new.update(case.id for case in left)
+            with closing(self.crew.run_many(left, alone=alone)) as outcomes:
+                yield from outcomes
 
-        return run
+        for outcome in self.folder.cached(fresh)(cases):
+            self.listener.ended(outcome, fresh=outcome.case.id in new)
+            yield outcome
 
-    def _table(self, case: Case) -> Table:
+    def begin(self, stage: Stage) -> None:
+        """Announce a stage."""
+        self.listener.begin(stage)
+
+    def table(self, case: Case) -> Table:
+        """Table I, from the series in the folder."""
         with np.load(self.folder.path / SERIES / f"{case.id}.npz", allow_pickle=False) as file:
             return table_one(file)
 
-    def _record(self, outcomes: Sequence[Outcome]) -> dict[str, str]:
-        """Recordings by case id, relative to the folder. Raises NotReproduced for a digest that is not the first."""
+    def keep(self, data: Dataset) -> None:
+        """Save the data set."""
+        save_dataset(data, self.folder.path / DATASET)
+
+    def store(self, name: str, text: str) -> None:
+        """Write a file of the folder."""
+        write_text(self.folder.path / name, text)
+
+    def stored(self, name: str) -> bool:
+        """Whether the folder has the file."""
+        return (self.folder.path / name).exists()
+
+    def record(self, outcomes: Sequence[Outcome]) -> dict[str, str]:
+        """Recordings by case id, relative to the folder. Raises NotReproducedError for another digest."""
         names = {outcome.case.id: f"{RECORDINGS}/{outcome.case.id}.rrd" for outcome in outcomes}
         before = {outcome.case.id: outcome.result["digest"] for outcome in outcomes}
         missing = [outcome.case for outcome in outcomes if not (self.folder.path / names[outcome.case.id]).exists()]
-        self.watcher.say(f"recording {len(missing)} of {len(names)} chosen cases again")
+        self.listener.say(f"recording {len(missing)} of {len(names)} chosen cases again")
         if not missing:
             return names
         drafts = self.folder.path / f".{RECORDINGS}"
         shutil.rmtree(drafts, ignore_errors=True)
         drafts.mkdir()
-        with closing(self.crew.run_many(missing, runner=RECORDING, folder=drafts)) as done:
+        with closing(self.crew.run_many(missing, runner=RECORDING_RUNNER, folder=drafts)) as done:
             for outcome in done:
                 name, result = outcome.case.id, outcome.result
                 if result["digest"] != before[name]:
-                    raise NotReproduced(f"{name}: its rerun has the digest {result['digest']}, not {before[name]}")
+                    raise NotReproducedError(f"{name}: its rerun has the digest {result['digest']}, not {before[name]}")
                 if result.get("recording_warning"):
-                    self.watcher.say(f"warning: {name}: {result['recording_warning']}")
+                    self.listener.say(f"warning: {name}: {result['recording_warning']}")
                     del names[name]
                     continue
                 (drafts / f"{name}.rrd").replace(self.folder.path / names[name])

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import contextlib
-import os
 import shutil
 import sys
 import tempfile
@@ -12,7 +11,7 @@ from contextlib import ExitStack
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from service.worker.attempt import KINDS, Together
+from service.worker.attempt import KINDS, ObserverGroup
 from simcore.errors import Problem, ScenarioError
 from simcore.rollout.records import Observer, Scene, StepRecord
 from simcore.scenario.scenario import Scenario
@@ -20,7 +19,7 @@ from simcore.scenario.scenario import Scenario
 if TYPE_CHECKING:
     from rich.progress import Progress, TaskID
 
-    from simcore.rollout.rollout import Rollout
+    from simcore.rollout.result import Rollout
 
 RESULT = "result.json"
 
@@ -31,9 +30,9 @@ def output_folder(folder: Path, *, replace: bool) -> Iterator[Path]:
 
     Raises ScenarioError, before anything is made, for a folder that holds a result (unless `replace`) or cannot be.
     """
-    held = [name for name in KINDS if (folder / name).exists()]
-    if held and not replace:
-        raise ScenarioError([Problem("--out", str(folder), f"holds {', '.join(held)}; use --force to replace")])
+    present = [name for name in KINDS if (folder / name).exists()]
+    if present and not replace:
+        raise ScenarioError([Problem("--out", str(folder), f"holds {', '.join(present)}; use --force to replace")])
     made = not folder.exists()
     try:
         folder.mkdir(parents=True, exist_ok=True)
@@ -45,7 +44,7 @@ def output_folder(folder: Path, *, replace: bool) -> Iterator[Path]:
         for name in [name for name in KINDS if not (partial / name).exists()]:
             (folder / name).unlink(missing_ok=True)
         for written in sorted(partial.iterdir(), key=lambda path: path.name == RESULT):
-            os.replace(written, folder / written.name)
+            written.replace(folder / written.name)
     finally:
         shutil.rmtree(partial, ignore_errors=True)
         if made and not any(folder.iterdir()):
@@ -66,7 +65,7 @@ def run_into(folder: Path, scenario: Scenario, *, recording_id: str) -> tuple[di
 
             recorder = stack.enter_context(RerunObserver(folder / "recording.rrd", recording_id=recording_id))
             observers.append(recorder)
-        done = rollout.run(scenario, Together(tuple(observers)))
+        done = rollout.run(scenario, ObserverGroup(tuple(observers)))
     artefacts.write(done, folder)
     return done.result(), recorder.warning if recorder else None
 
@@ -98,10 +97,12 @@ class ProgressBar:
         self._progress.stop()
 
     def begin(self, scene: Scene, first: StepRecord) -> None:
+        """Start the bar."""
         name = scene.scenario.name
         self._task = self._progress.add_task(name, total=scene.steps, depth=0.0, error=0.0)
 
     def step(self, record: StepRecord) -> None:
+        """Move the bar, every few steps."""
         if self._task is not None and record.step % self._UPDATE_STEPS == 0:
             x, y, z = record.tip_m - record.target_m
             error = 1e3 * float(x * x + y * y + z * z) ** 0.5

@@ -1,4 +1,4 @@
-"""Reruns a result from what it says about itself, and tells whether the same came out, and if not, where."""
+"""Reruns a result from its own provenance and compares: identical, equal, or different and where."""
 
 from __future__ import annotations
 
@@ -11,21 +11,21 @@ from typing import TYPE_CHECKING, Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from service.files.strict_json import without_nan
 from service.files.upload_names import SCHEME, UPLOAD_ID
-from service.worker.attempt import clean
 from simcore.errors import NeedlebenchError
-from simcore.file_names import NoSuchFile, names_mean
+from simcore.file_names import NoSuchFileError, names_mean
 from simcore.provenance import provenance
 
 if TYPE_CHECKING:
     from simcore.rollout.records import Observer
-    from simcore.rollout.rollout import Rollout
+    from simcore.rollout.result import Rollout
 
 EQUAL_MM = 1e-6  # of the tip's path: what another processor or library may change in a stable run
 Arrays = Mapping[str, NDArray[Any]]
 
 
-class CannotVerify(NeedlebenchError):
+class CannotVerifyError(NeedlebenchError):
     """A result that does not say how it came about."""
 
 
@@ -62,7 +62,7 @@ class Verdict:
 
     def data(self) -> dict[str, Any]:
         """As JSON data; numbers that are not finite become null."""
-        return dict(clean(asdict(self)))
+        return dict(without_nan(asdict(self)))
 
 
 class Files:
@@ -72,19 +72,19 @@ class Files:
         self._folder = folder
 
     def __call__(self, name: str) -> Path:
-        """The file. Raises NoSuchFile."""
+        """The file. Raises NoSuchFileError."""
         if not name.startswith(SCHEME):
             return Path(name)
         place = "it is not known of which" if self._folder is None else f"{self._folder} does not have it"
         found = None if self._folder is None else self._folder / name.removeprefix(SCHEME)
         if found is None or not re.fullmatch(UPLOAD_ID, found.name) or not found.is_file():
             message = "is an upload of a service, and {}: give the service's data folder by --data, or verify its job"
-            raise NoSuchFile(message.format(place))
+            raise NoSuchFileError(message.format(place))
         return found
 
 
 def uploads_beside(path: Path) -> Path | None:
-    """The uploads of the data folder in which a result lies, as jobs/JOB/ATTEMPT/result.json; None elsewhere."""
+    """The uploads of the data folder in which a result lies, as jobs/JOB/ATTEMPT/result.json; else None."""
     above = path.absolute().parents
     return above[3] / "uploads" if len(above) > 3 and above[2].name == "jobs" else None
 
@@ -98,9 +98,9 @@ def verify(
 ) -> Verdict:
     """Run `result["provenance"]["scenario"]` again and compare.
 
-    series: the arrays beside the result; without them only "identical" and "different" can be told. uploads: folder of
+    series: the arrays beside the result; without them the verdict is "identical" or "different". uploads: folder of
     those that the scenario names by their ids.
-    Raises CannotVerify for what is no result, ScenarioError for a scenario that this version refuses.
+    Raises CannotVerifyError for what is no result, ScenarioError for a scenario that this version refuses.
     """
     from simcore.rollout.rollout import run
     from simcore.scenario.scenario import Scenario
@@ -112,17 +112,17 @@ def verify(
 
 
 def origin_of(result: Mapping[str, Any]) -> Mapping[str, Any]:
-    """The provenance of a result. Raises CannotVerify."""
+    """The provenance of a result. Raises CannotVerifyError."""
     origin = result.get("provenance")
     if not isinstance(origin, Mapping) or not isinstance(origin.get("scenario"), Mapping):
-        raise CannotVerify("this is no result: it has no provenance.scenario to run again")
+        raise CannotVerifyError("this is no result: it has no provenance.scenario to run again")
     if not isinstance(result.get("digest"), str):
-        raise CannotVerify("this is no result: it has no digest")
+        raise CannotVerifyError("this is no result: it has no digest")
     return origin
 
 
 def compare(result: Mapping[str, Any], series: Arrays | None, again: Rollout) -> Verdict:
-    """The verdict on a run and the same run of before."""
+    """The verdict on a run and its original."""
     identical = again.digest == result["digest"]
     first = None if identical or series is None else first_difference(series, again.series)
     tip_mm = 0.0 if identical else _tip_mm(series, again.series)
@@ -143,7 +143,7 @@ def compare(result: Mapping[str, Any], series: Arrays | None, again: Rollout) ->
 
 def first_difference(before: Arrays, now: Arrays) -> Difference | None:
     """The first row in which an array that has one row a step differs, the tip's path before others of that row."""
-    from simcore.rollout.rollout import UNDIGESTED
+    from simcore.rollout.result import UNDIGESTED
 
     found = []
     for name in sorted(before.keys() & now.keys() - set(UNDIGESTED), key=lambda name: (name != "tip_m", name)):
@@ -180,7 +180,7 @@ def _note(identical: bool, before: Arrays | None, now: Arrays) -> str:
     if identical:
         return ""
     if before is None:
-        return "no series.npz was found beside the result: where the runs part cannot be told"
+        return "no series.npz was found beside the result, so where the runs part is unknown"
     if "tip_m" in before and len(before["tip_m"]) != len(now["tip_m"]):
         return f"the run had {len(before['tip_m']) - 1} steps then, and has {len(now['tip_m']) - 1} now"
     return ""
@@ -200,11 +200,11 @@ def changed(before: Mapping[str, Any], now: Mapping[str, Any]) -> dict[str, list
 
 
 def load_series(path: Path) -> dict[str, NDArray[Any]] | None:
-    """The arrays of a series file, or None when there is none. Raises CannotVerify for one that cannot be read."""
+    """The arrays of a series file, or None when there is none. Raises CannotVerifyError for one that cannot be read."""
     if not path.is_file():
         return None
     try:
         with np.load(path, allow_pickle=False) as file:
             return {name: file[name] for name in file.files}
     except (OSError, ValueError, EOFError) as error:
-        raise CannotVerify(f"{path} cannot be read: {error}") from None
+        raise CannotVerifyError(f"{path} cannot be read: {error}") from None

@@ -5,11 +5,12 @@ from __future__ import annotations
 import numpy as np
 import rerun.blueprint as rrb
 
+from service.recording.colors import DISPLACEMENT_SCALE_M
 from service.recording.section import path_plane
-from simcore.rollout.records import Scene, Vector
+from simcore.arrays import Floats
+from simcore.rollout.records import Scene
 
 BACKGROUND = (18, 21, 28)
-DISPLACEMENT_SCALE_M = 5e-3
 _EYE_SLOPE = 0.52  # tangent of half the angle that the viewer's eye sees from top to bottom
 _EYE_ASPECT = 1.05  # width over height of the view, at least
 _EYE_MARGIN = 1.04
@@ -69,7 +70,7 @@ def _eye(scene: Scene) -> rrb.EyeControls3D:
     right = _unit(np.cross(across, backward))
     up = np.cross(backward, right)
     slopes = np.array([_EYE_SLOPE * _EYE_ASPECT, _EYE_SLOPE])
-    centre: Vector = points.mean(axis=0)
+    centre: Floats = points.mean(axis=0)
     for _ in range(20):  # centre what is seen; the distance follows from the farthest out
         sideways, depth = (points - centre) @ np.stack([right, up], axis=1), (points - centre) @ backward
         distance = np.max(depth[:, None] + np.abs(sideways) / slopes)
@@ -80,5 +81,5 @@ def _eye(scene: Scene) -> rrb.EyeControls3D:
     return rrb.EyeControls3D(kind=rrb.Eye3DKind.Orbital, position=position, look_target=centre, eye_up=across)
 
 
-def _unit(vector: Vector) -> Vector:
+def _unit(vector: Floats) -> Floats:
     return np.asarray(vector / np.linalg.norm(vector))

@@ -28,15 +28,16 @@ import rerun as rr
 
 from service.display import job_text, plain_values
 from service.recording import viewer
-from service.recording.entities import Block, Drawing, log_static
+from service.recording.blocks import Block
+from service.recording.entities import Drawing, log_static
 from service.recording.layout import blueprint
 from simcore.rollout.records import Scene, StepRecord
 
 if TYPE_CHECKING:
-    from simcore.rollout.rollout import Rollout
+    from simcore.rollout.result import Rollout
 
 APPLICATION = "needlebench"
-BLOCK_S = 1.0  # of wall time that a step may wait until it is sent
+BLOCK_S = 1.0  # of wall time that a step may wait before it is sent
 LONG_STEPS = 5_000  # from which on a recording is compacted; 1,200 steps are read in 17 ms as they are, in 10 compacted
 _OPTIMIZE_TIMEOUT_S = 300.0
 
@@ -49,7 +50,7 @@ class RerunObserver:
     recording_id: names the recording in a viewer, unique among those opened together.
     provenance: JSON values stored with the recording from its start, such as job id and commit.
     Within the context, SIGTERM ends the process by SystemExit instead of at once, unless someone else handles it.
-    clock: seconds, by which a step is not kept back for long.
+    clock: seconds; bounds how long a step is held back.
     """
 
     def __init__(
@@ -112,7 +113,7 @@ class RerunObserver:
         self._recorder.add(first)
 
     def _attempt(self, action: Callable[[], None]) -> None:
-        """Do it, or give up recording with the rows there are: a run must not depend on being watched."""
+        """Do it, or end the recording with the rows so far: a run must not depend on being recorded."""
         try:
             action()
         except Exception as error:
@@ -141,7 +142,7 @@ class _Recorder:
         self.sent_s = clock()
         log_static(self.stream, scene, self.drawing)
         self._send_scenario(provenance)
-        self.stream.flush(timeout_sec=0)  # for whoever follows the file; the run need not wait for it
+        self.stream.flush(timeout_sec=0)  # for readers that follow the file; the run need not wait
 
     def _send_scenario(self, provenance: dict[str, Any]) -> None:
         scenario = self.scene.scenario
@@ -204,7 +205,7 @@ def optimize(path: Path) -> None:
         )
         if done.returncode != 0 or not compacted.is_file():
             raise RuntimeError(f"compacting {path.name} failed: {done.stderr.strip() or done.returncode}")
-        os.replace(compacted, path)
+        compacted.replace(path)
     finally:
         compacted.unlink(missing_ok=True)
 

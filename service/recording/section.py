@@ -1,4 +1,4 @@
-"""What of a tetrahedral mesh is worth drawing: its surface, its sharp edges and a cut along the path.
+"""The drawable parts of a tetrahedral mesh: its surface, its sharp edges and a cut along the path.
 
 Everything is expressed by material points, computed once on the rest shape: a deformed state gives their
 positions by indexing, or by one interpolation along an edge. Row = node, metres, world frame.
@@ -10,37 +10,37 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from simcore.rollout.records import Indices, Vector
+from simcore.arrays import Floats, Ints
 
 _SHARP_COSINE = 0.77  # edges between faces that meet at more than 40 degrees are drawn
 
 
 @dataclass(frozen=True)
 class Surface:
-    """The nodes on the surface and the triangles between them, numbered anew."""
+    """The nodes on the surface and the triangles between them, renumbered."""
 
-    nodes: Indices  # (v,) into the mesh
-    triangles: Indices  # (t, 3) into `nodes`
-    normals: Vector  # (v, 3) unit, outward, rest shape
-    edges: Indices  # (e, 2) into the mesh: where the surface is sharp
+    nodes: Ints  # (v,) into the mesh
+    triangles: Ints  # (t, 3) into `nodes`
+    normals: Floats  # (v, 3) unit, outward, rest shape
+    edges: Ints  # (e, 2) into the mesh: where the surface is sharp
 
 
 @dataclass(frozen=True)
 class Section:
     """A plane cut through the rest shape; its points stay with the material."""
 
-    ends: Indices  # (s, 2) the mesh edge that carries each point
-    weights: Vector  # (s,) position = (1 - w) first + w second
-    triangles: Indices  # (t, 3)
-    plane_m: Vector  # (s, 2) coordinates in the plane of the rest shape, origin at the entry, second along the path
+    ends: Ints  # (s, 2) the mesh edge that carries each point
+    weights: Floats  # (s,) position = (1 - w) first + w second
+    triangles: Ints  # (t, 3)
+    plane_m: Floats  # (s, 2) coordinates in the plane of the rest shape, origin at the entry, second along the path
 
-    def positions(self, nodes_m: Vector) -> Vector:
+    def positions(self, nodes_m: Floats) -> Floats:
         """(s, 3) where the points are when the mesh is at nodes_m (n, 3)."""
         first, second = nodes_m[self.ends[:, 0]], nodes_m[self.ends[:, 1]]
         return first + self.weights[:, None] * (second - first)
 
 
-def surface(rest_m: Vector, triangles: Indices) -> Surface:
+def surface(rest_m: Floats, triangles: Ints) -> Surface:
     """The drawable surface of a mesh with nodes rest_m (n, 3) and outward surface triangles (t, 3)."""
     nodes, numbered = np.unique(triangles, return_inverse=True)
     numbered = numbered.reshape(triangles.shape)
@@ -53,7 +53,7 @@ def surface(rest_m: Vector, triangles: Indices) -> Surface:
     return Surface(nodes, numbered, normals, _sharp_edges(triangles, areas))
 
 
-def _sharp_edges(triangles: Indices, areas: Vector) -> Indices:
+def _sharp_edges(triangles: Ints, areas: Floats) -> Ints:
     """(e, 2) edges whose two triangles meet at an angle."""
     unit = areas / np.linalg.norm(areas, axis=1, keepdims=True)
     sides = np.sort(np.concatenate([triangles[:, [0, 1]], triangles[:, [1, 2]], triangles[:, [2, 0]]]), axis=1)
@@ -61,11 +61,11 @@ def _sharp_edges(triangles: Indices, areas: Vector) -> Indices:
     order = np.lexsort((sides[:, 1], sides[:, 0]))
     first, second = order[0::2], order[1::2]  # a closed surface has each edge twice
     cosine = np.einsum("ij,ij->i", unit[owner[first]], unit[owner[second]])
-    edges: Indices = sides[first[cosine < _SHARP_COSINE]]
+    edges: Ints = sides[first[cosine < _SHARP_COSINE]]
     return edges
 
 
-def path_plane(path_m: Vector) -> tuple[Vector, Vector, Vector]:
+def path_plane(path_m: Floats) -> tuple[Floats, Floats, Floats]:
     """Unit vectors (along, across, normal) of the plane of a path (p, 3); of a straight one, world x is across."""
     along = (path_m[-1] - path_m[0]) / np.linalg.norm(path_m[-1] - path_m[0])
     offsets = path_m - path_m[0]
@@ -78,7 +78,7 @@ def path_plane(path_m: Vector) -> tuple[Vector, Vector, Vector]:
     return along, across, np.cross(along, across)
 
 
-def section(rest_m: Vector, tets: Indices, path_m: Vector, *, behind_m: float) -> Section:
+def section(rest_m: Floats, tets: Ints, path_m: Floats, *, behind_m: float) -> Section:
     """The cut of a mesh (nodes rest_m (n, 3), tets (t, 4)) with the plane of the path (p, 3), moved back a little."""
     along, across, normal = path_plane(path_m)
     height = (rest_m - path_m[0]) @ normal + behind_m

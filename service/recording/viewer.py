@@ -29,17 +29,17 @@ _MENU_PX = 37  # height of the window's own bar at the top of a picture
 
 
 class ViewerError(NeedlebenchError):
-    """The viewer cannot show what it was asked to; the message says what to do."""
+    """The viewer cannot show the recording; the message says what to do."""
 
 
 def program() -> str:
     """Rerun's command line, of the version that writes the recordings. Raises ViewerError if it is missing."""
-    found = importlib.util.find_spec("rerun_cli")
-    folder = Path(found.origin).parent if found and found.origin else Path()
+    package = importlib.util.find_spec("rerun_cli")
+    folder = Path(package.origin).parent if package and package.origin else Path()
     for name in ("Rerun.app/Contents/MacOS/Rerun", "rerun", "rerun.exe"):
         if (folder / name).is_file():
             return str(folder / name)
-    raise ViewerError("the viewer's program is missing: pip install --force-reinstall rerun-sdk")
+    raise ViewerError("the program of the viewer is missing: pip install --force-reinstall rerun-sdk")
 
 
 def environment() -> dict[str, str]:
@@ -52,18 +52,18 @@ def environment() -> dict[str, str]:
 
 
 def check_readable(path: Path) -> None:
-    """Raise ViewerError unless the file holds a recording, complete or cut short."""
+    """Raises ViewerError unless the file holds a recording, complete or cut short."""
     from rerun.chunk import RrdReader
 
     if not path.is_file():
         raise ViewerError(f"{path}: no such file")
     try:
         with warnings.catch_warnings():
-            warnings.simplefilter("ignore")  # one that was cut short lacks its footer
-            found = bool(RrdReader(path).recordings())
+            warnings.simplefilter("ignore")  # a recording that was cut short lacks its footer
+            nonempty = bool(RrdReader(path).recordings())
     except Exception as error:
-        raise ViewerError(f"{path}: not a recording that can be read: {error}") from None
-    if not found:
+        raise ViewerError(f"{path}: not a readable recording: {error}") from None
+    if not nonempty:
         raise ViewerError(f"{path}: holds no recording")
 
 
@@ -72,7 +72,7 @@ def show(path: Path) -> int:
     check_readable(path)
     if sys.platform == "linux" and not (os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY")):
         raise ViewerError(
-            "this machine has no display. Copy the recording to one that has and view it there, "
+            "this machine has no display. Copy the recording to one that has one and view it there, "
             "or make a picture here: needlebench view FILE --screenshot PICTURE.png"
         )
     done = subprocess.run([program(), "--bind", LOOPBACK, "--port", "auto", str(path)], env=environment(), check=False)
@@ -142,10 +142,10 @@ def _connect(port: int, process: subprocess.Popen[str], log: IO[str]) -> ViewerC
             return client
         time.sleep(0.1)
     log.seek(0)
-    said = log.read().strip() or "nothing"
+    output = log.read().strip() or "nothing"
     raise ViewerError(
         "the viewer did not start. It needs a Vulkan driver; on Debian: "
-        f"apt install mesa-vulkan-drivers libvulkan1. It said: {said[-1000:]}"
+        f"apt install mesa-vulkan-drivers libvulkan1. Its output: {output[-1000:]}"
     )
 
 

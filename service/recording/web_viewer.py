@@ -1,9 +1,9 @@
-"""The Rerun web viewer out of the installed wheel: the one that matches the recordings, without any network.
+"""The Rerun web viewer from the installed wheel: the version that matches the recordings, without network access.
 
-Its own server is started once, on loopback, its files are kept and it is stopped. They are served from here with links
-to fonts elsewhere taken out, and with a policy that allows the scripts of its page by their digests. The viewer would
-ask its maker's servers for news and tell them of its use: the policy lets nothing out, and a script of ours answers
-first, so that the console has nothing to complain of.
+Its own server is started once, on loopback, to save its files. They are served from here without links to external
+fonts, and with a policy that allows the scripts of its page by their digests. The viewer would contact its maker's
+servers for news and usage statistics: the policy blocks that, and a script of ours answers first, so that the console
+shows no errors.
 """
 
 from __future__ import annotations
@@ -11,7 +11,6 @@ from __future__ import annotations
 import base64
 import gzip
 import hashlib
-import os
 import re
 import shutil
 import subprocess
@@ -33,38 +32,38 @@ FILES = {
     "favicon.ico": "image/x-icon",
 }
 QUIET = """
-const reach = fetch;
-fetch = (asked, how) => {
-  const url = new URL(asked.url ?? asked, location.href);
+const original = fetch;
+fetch = (resource, options) => {
+  const url = new URL(resource.url ?? resource, location.href);
   const inside = url.origin === location.origin || ["blob:", "data:"].includes(url.protocol);
-  return inside ? reach(asked, how) : Promise.resolve(new Response(null, { status: 204 }));
+  return inside ? original(resource, options) : Promise.resolve(new Response(null, { status: 204 }));
 };
 """
-_FORM = 2  # of the files as they are kept here: after a change of ours they are taken out anew
+_FORM = 2  # of the files as they are stored here: after a change they are extracted again
 _START_TIMEOUT_S = 60.0
 _WORTH_PACKING = 10_000  # bytes
 _lock = threading.Lock()
 
 
 def folder(data: Path) -> Path:
-    """Where the files are, taken out of the wheel if they are not there yet. Raises ViewerError.
+    """The folder of the files, extracted from the wheel if needed. Raises ViewerError.
 
-    A file above 10 kB is there packed too, as NAME.gz.
+    Files above 10 kB are there compressed too, as NAME.gz.
     """
     home = _home(data)
     with _lock:
         if not home.is_dir():
-            _take_out(home)
+            _extract(home)
     return home
 
 
 def edition() -> str:
-    """Which viewer it is, and which form of ours."""
+    """Version of the viewer and of our form of its files."""
     return f"{version('rerun-sdk')}-{_FORM}"
 
 
-def kept(data: Path) -> Path | None:
-    """Where the files are if they were taken out already."""
+def extracted(data: Path) -> Path | None:
+    """The folder of the files if they were extracted before."""
     home = _home(data)
     return home if home.is_dir() else None
 
@@ -73,23 +72,23 @@ def _home(data: Path) -> Path:
     return data / "viewer" / edition()
 
 
-def _take_out(home: Path) -> None:
+def _extract(home: Path) -> None:
     home.parent.mkdir(parents=True, exist_ok=True)
     draft = Path(tempfile.mkdtemp(prefix=".draft-", dir=home.parent))
     try:
-        for name, content in served().items():
+        for name, content in viewer_files().items():
             (draft / name).write_bytes(_cleaned(content) if name == "index.html" else content)
             if len(content) > _WORTH_PACKING and name != "index.html":
                 (draft / f"{name}.gz").write_bytes(gzip.compress(content, 5, mtime=0))
-        os.replace(draft, home)
+        draft.replace(home)
     except OSError as error:
-        raise ViewerError(f"the web viewer cannot be read or kept: {error}") from None
+        raise ViewerError(f"the files of the web viewer cannot be read or stored: {error}") from None
     finally:
         shutil.rmtree(draft, ignore_errors=True)
 
 
-def served() -> dict[str, bytes]:
-    """Every file as the viewer's own server gives it. Raises ViewerError, OSError."""
+def viewer_files() -> dict[str, bytes]:
+    """Every file as the viewer's own server sends it. Raises ViewerError, OSError."""
     arguments = ["--serve-web", "--bind", LOOPBACK, "--port", "0", "--web-viewer-port", "0"]
     process = subprocess.Popen(
         [program(), *arguments],
@@ -104,21 +103,21 @@ def served() -> dict[str, bytes]:
     try:
         assert process.stdout is not None
         url = _address(process.stdout)
-        return {name: _fetched(f"{url}/{name}") for name in FILES}
+        return {name: _download(f"{url}/{name}") for name in FILES}
     finally:
         too_late.cancel()
         process.kill()
         process.communicate()
 
 
-def _address(said: IO[str]) -> str:
-    for line in said:
-        if found := re.search(rf"web-viewer at (http://{re.escape(LOOPBACK)}:\d+)", line):  # and not its other port
-            return found[1]
+def _address(output: IO[str]) -> str:
+    for line in output:
+        if match := re.search(rf"web-viewer at (http://{re.escape(LOOPBACK)}:\d+)", line):  # and not its other port
+            return match[1]
     raise ViewerError("the web viewer did not start")
 
 
-def _fetched(url: str) -> bytes:
+def _download(url: str) -> bytes:
     opener = urllib.request.build_opener(urllib.request.ProxyHandler({}))
     with opener.open(url, timeout=_START_TIMEOUT_S) as answer:
         content: bytes = answer.read()
@@ -126,13 +125,13 @@ def _fetched(url: str) -> bytes:
 
 
 def _cleaned(page: bytes) -> bytes:
-    """The page without links to elsewhere, without the icon that the wheel does not have, and quiet."""
+    """The page without external links, without the icon that the wheel lacks, and with the script QUIET."""
     text = re.sub(r"<link\b[^>]*(https?://|apple-touch-icon)[^>]*>", "", page.decode("utf-8"))
     return text.replace("<script", f"<script>{QUIET}</script><script", 1).encode()
 
 
 def policy(page: bytes) -> str:
-    """What the viewer's page may do: run its own scripts as they are now and WebAssembly, read from this service."""
+    """Content security policy of the viewer's page: its own scripts, WebAssembly, and reading from this service."""
     scripts = re.findall(rb"<script>(.*?)</script>", page, re.DOTALL)
     digests = " ".join(f"'sha256-{base64.b64encode(hashlib.sha256(one).digest()).decode()}'" for one in scripts)
     return (

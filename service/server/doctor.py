@@ -1,4 +1,4 @@
-"""Looks over an installation and its data folder, without starting anything: what is there, what to mend."""
+"""Checks an installation and its data folder without starting anything: what is there, and what to repair."""
 
 from __future__ import annotations
 
@@ -39,10 +39,10 @@ def examine(settings: Settings) -> list[Check]:
         lambda: _web_viewer(settings),
         _display,
     ]
-    return [_made(look) for look in looks]
+    return [_run_check(look) for look in looks]
 
 
-def _made(look: Callable[[], Check]) -> Check:
+def _run_check(look: Callable[[], Check]) -> Check:
     """A check that breaks is a finding of its own."""
     try:
         return look()
@@ -121,22 +121,23 @@ def _data(settings: Settings) -> Check:
 
 
 def _lock(settings: Settings) -> Check:
-    from service.files.lock import Busy, held
-    from service.server.server import endpoint
+    from service.files.lock import LockHeldError, file_lock
+    from service.server.endpoint import endpoint
 
     path = settings.data / "server.lock"
     if not path.exists():
         return Check(name="service", level="ok", found="none runs on this folder")
     try:
-        with held(path):
+        with file_lock(path):
             return Check(name="service", level="ok", found="none runs on this folder")
-    except Busy as busy:
+    except LockHeldError as busy:
         found = f"{busy or 'a service'} serves this folder at {endpoint(settings.data) or 'an unknown address'}"
         return Check(name="service", level="ok", found=found)
 
 
 def _database(settings: Settings) -> Check:
     from service.store.database import revision_of, revisions
+    from service.store.schema import REVISION
 
     if not settings.database.exists():
         return Check(name="database", level="ok", found="will be made")
@@ -145,14 +146,13 @@ def _database(settings: Settings) -> Check:
     except sqlite3.Error as error:
         advice = "restore a copy from the folder backups beside it"
         return Check(name="database", level="bad", found=f"{settings.database}: {error}", advice=advice)
-    known = revisions()
-    if present is not None and present not in known:
-        advice = "it was written by a later needlebench: install that version, or choose another folder"
+    if present is not None and present not in revisions():
+        advice = "it was written by another version of needlebench: use that version, or choose another folder"
         return Check(
-            name="database", level="bad", found=f"tables {present}, this version knows {known[0]}", advice=advice
+            name="database", level="bad", found=f"tables {present}, this version knows {REVISION}", advice=advice
         )
-    if present != known[0]:
-        found = f"tables {present or 'none'}, {known[0]} is the newest"
+    if present != REVISION:
+        found = f"tables {present or 'none'}, {REVISION} is the newest"
         return Check(name="database", level="warn", found=found, advice="serve copies it to backups, then upgrades it")
     return Check(name="database", level="ok", found=f"tables {present}, the newest")
 
@@ -160,14 +160,14 @@ def _database(settings: Settings) -> Check:
 def _port(settings: Settings) -> Check:
     import socket
 
-    from service.server.server import endpoint
+    from service.server.endpoint import endpoint
 
     port = DEFAULT_PORT if settings.port is None else settings.port
     try:
         socket.create_server((DEFAULT_HOST, port)).close()
     except OSError as error:
         if error.errno == errno.EADDRINUSE and (endpoint(settings.data) or "").endswith(f":{port}"):
-            return Check(name="port", level="ok", found=f"{port}: a service of this folder was the last there")
+            return Check(name="port", level="ok", found=f"{port}: the last service of this folder used it")
         advice = "serve takes the next free one unless --port is given"
         return Check(name="port", level="warn", found=f"{port}: {os.strerror(error.errno or 0)}", advice=advice)
     return Check(name="port", level="ok", found=f"{port} is free")
@@ -185,18 +185,18 @@ def _viewer() -> Check:
 def _web_viewer(settings: Settings) -> Check:
     """What the pages show recordings with: where it was kept, else as the wheel gives it."""
     from service.recording.viewer import ViewerError
-    from service.recording.web_viewer import FILES, PROGRAM, WASM, kept, served
+    from service.recording.web_viewer import FILES, PROGRAM, WASM, extracted, viewer_files
 
-    home = kept(settings.data)
+    home = extracted(settings.data)
     try:
-        files = served() if home is None else {name: (home / name).read_bytes() for name in FILES}
+        files = viewer_files() if home is None else {name: (home / name).read_bytes() for name in FILES}
     except (OSError, ViewerError) as error:
-        advice = f"remove {home}: it is made anew" if home is not None else "pip install --force-reinstall rerun-sdk"
+        advice = f"remove {home}: it is made again" if home is not None else "pip install --force-reinstall rerun-sdk"
         return Check(name="web viewer", level="bad", found=str(error), advice=advice)
     where = "in the wheel" if home is None else str(home)
     size = sum(map(len, files.values())) / 1e6
     if not files[PROGRAM].startswith(WASM):
-        advice = "pip install --force-reinstall rerun-sdk" if home is None else f"remove {home}: it is made anew"
+        advice = "pip install --force-reinstall rerun-sdk" if home is None else f"remove {home}: it is made again"
         return Check(name="web viewer", level="bad", found=f"{where}: {PROGRAM} is damaged", advice=advice)
     return Check(name="web viewer", level="ok", found=f"{where}, {size:.0f} MB")
 

@@ -11,8 +11,9 @@ from pathlib import Path
 
 import click
 
-from service.client.client import Client, ServiceError, Unreachable
-from service.server.server import CannotServe, endpoint, listen
+from service.client.client import Client, ServiceError, UnreachableError
+from service.server.endpoint import endpoint
+from service.server.server import ServiceStartError, listen
 from service.settings import DEFAULT_PORT, Settings
 
 _STOP_S = 15.0
@@ -41,7 +42,7 @@ def _running(settings: Settings) -> str | None:
     try:
         with Client(url, settings.api_key, timeout_s=2.0) as client:
             client.ready()
-    except (Unreachable, ServiceError):
+    except (UnreachableError, ServiceError):
         return None
     return url
 
@@ -77,17 +78,17 @@ def _free_port(host: str, wanted: int) -> int:
                 if port != wanted:
                     click.echo(f"port {wanted} is taken: using {port}", err=True)
                 return port
-        except CannotServe:
+        except ServiceStartError:
             continue
     return 0
 
 
 def _address(process: subprocess.Popen[str], settings: Settings) -> str:
-    """What the service says once it listens. Raises CannotServe when it ends instead; it has said why."""
+    """What the service says once it listens. Raises ServiceStartError when it ends instead; it has said why."""
     assert process.stdout is not None
     url = process.stdout.readline().strip()
     if not url:
-        raise CannotServe(f"the service did not start on {settings.data} (exit code {process.wait()})")
+        raise ServiceStartError(f"the service did not start on {settings.data} (exit code {process.wait()})")
     return url
 
 

@@ -2,44 +2,35 @@
 
 from __future__ import annotations
 
-import asyncio
 import contextlib
 import ctypes
 import errno
-import json
-import logging
-import math
 import os
 import signal
 import socket
+import sqlite3
 import sys
 import threading
-import time
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from types import FrameType
 
 import uvicorn
-from sqlalchemy.exc import DatabaseError
 
 from service import logs
 from service.api.context import Service
-from service.app import create_app
-from service.files.lock import Busy, held
-from service.server.http_protocol import Protocol
+from service.files.lock import LockHeldError, file_lock
+from service.server.endpoint import endpoint
+from service.server.uvicorn_overrides import Server
 from service.settings import DEFAULT_PORT, Settings, url_of
-from service.worker.progress import replace_text
+from service.store.errors import DatabaseError
 from simcore.errors import NeedlebenchError
 
-_log = logging.getLogger(logs.ROOT)
-ENDPOINT = "endpoint.json"
 _PORTS_TRIED = 50
-_GRACE_S = 3
-_IDLE_S = 75  # that a connection is kept: who asks every few seconds need not connect anew
 _M_ARENA_MAX = -8  # of glibc's mallopt
 
 
-class CannotServe(NeedlebenchError):
+class ServiceStartError(NeedlebenchError):
     """The service cannot start here; says why and what to do."""
 
 
@@ -47,21 +38,22 @@ def serve(settings: Settings, *, announce: Callable[[str], None], until_stdin_cl
     """Serve until SIGINT or SIGTERM; running jobs then end within `settings.drain_s` or go back into the queue.
 
     announce: hears the address once the service listens. until_stdin_closes: end with the process
-    that holds the other end of standard input. Raises CannotServe, DatabaseTooNew.
+    that holds the other end of standard input. Raises ServiceStartError, SettingsError, ForeignDatabaseError.
     """
+    settings.check_exposure()
     _share_arenas()
     with contextlib.ExitStack() as stack:
-        with _told(settings.data):
+        with _data_folder_errors(settings.data):
             settings.data.mkdir(parents=True, exist_ok=True)
-            stack.enter_context(held(settings.data / "server.lock"))
+            stack.enter_context(file_lock(settings.data / "server.lock"))
         listener = stack.enter_context(contextlib.closing(listen(settings.host, settings.port)))
-        with _told(settings.data):
+        with _data_folder_errors(settings.data):
             service = Service.open(settings)
         url = url_of(settings.host, listener.getsockname()[1])
-        server = _Server(service, url, announce)
+        server = Server(service, url, announce)
         if until_stdin_closes:
             threading.Thread(target=_follow_stdin, args=(server,), daemon=True).start()
-        previous = signal.signal(signal.SIGTERM, _leave)  # what uvicorn raises again once all is closed
+        previous = signal.signal(signal.SIGTERM, _exit)  # what uvicorn raises again once all is closed
         try:
             server.run(sockets=[listener])
         except KeyboardInterrupt:
@@ -79,20 +71,20 @@ def _share_arenas() -> None:
 
 
 @contextlib.contextmanager
-def _told(data: Path) -> Iterator[None]:
-    """What is wrong with a data folder in words that say what to do. Raises CannotServe."""
+def _data_folder_errors(data: Path) -> Iterator[None]:
+    """What is wrong with a data folder in words that say what to do. Raises ServiceStartError."""
     try:
         yield
-    except Busy as busy:
-        raise CannotServe(_taken(data, str(busy))) from None
-    except (OSError, DatabaseError) as error:
-        reason = error.strerror if isinstance(error, OSError) else error.orig
+    except LockHeldError as lock:
+        raise ServiceStartError(_in_use(data, str(lock))) from None
+    except (OSError, DatabaseError, sqlite3.DatabaseError) as error:
+        reason = error.strerror if isinstance(error, OSError) else getattr(error, "orig", error)
         advice = "make it writable for this user, free space on its disk, or choose another folder with --data"
-        raise CannotServe(f"the data folder {data} cannot be used: {reason}; {advice}") from None
+        raise ServiceStartError(f"the data folder {data} cannot be used: {reason}; {advice}") from None
 
 
 def listen(host: str, port: int | None) -> socket.socket:
-    """A listening socket on `port`; without one on the default port or the next free. Raises CannotServe."""
+    """A listening socket on `port`; without one on the default port or the next free. Raises ServiceStartError."""
     tried = [port] if port is not None else [*range(DEFAULT_PORT, DEFAULT_PORT + _PORTS_TRIED), 0]
     for candidate in tried:
         try:
@@ -102,7 +94,7 @@ def listen(host: str, port: int | None) -> socket.socket:
             if not taken or candidate == tried[-1]:
                 advice = "; choose another with --port, or leave it out for the next free one" if taken else ""
                 reason = os.strerror(error.errno) if error.errno else str(error)
-                raise CannotServe(f"cannot listen on {host} port {candidate}: {reason}{advice}") from None
+                raise ServiceStartError(f"cannot listen on {host} port {candidate}: {reason}{advice}") from None
     raise AssertionError("unreachable")
 
 
@@ -115,86 +107,17 @@ def _bound(host: str, port: int) -> socket.socket:
     return listener
 
 
-def moved(port: int | None, url: str) -> str | None:
-    """What to say when the default port was taken."""
-    if port is not None or url.endswith(f":{DEFAULT_PORT}"):
-        return None
-    return f"port {DEFAULT_PORT} is taken: using {url.rpartition(':')[2]}"
-
-
-def endpoint(data: Path) -> str | None:
-    """Where the service of this data folder said that it listens; it may be gone."""
-    try:
-        url = json.loads((data / ENDPOINT).read_text(encoding="utf-8"))["url"]
-    except (OSError, ValueError, KeyError, TypeError):
-        return None
-    return str(url)
-
-
-class _Server(uvicorn.Server):
-    """uvicorn, which tells where it listens and lets long polls and live recordings go at once."""
-
-    def __init__(self, service: Service, url: str, announce: Callable[[str], None]) -> None:
-        config = uvicorn.Config(
-            create_app(service),
-            http=Protocol,
-            ws="none",
-            log_config=None,
-            log_level="warning",
-            access_log=False,
-            server_header=False,
-            timeout_graceful_shutdown=_GRACE_S,
-            timeout_keep_alive=_IDLE_S,
-            lifespan="on",
-        )
-        super().__init__(config)
-        self._service, self._url, self._announce = service, url, announce
-        self._drain_until = -math.inf
-
-    async def on_tick(self, counter: int) -> bool:
-        """Whether to shut down: asked to, and what was to be waited for has ended."""
-        return await super().on_tick(counter) and self._drained()
-
-    def _drained(self) -> bool:
-        engine, now = self._service.engine, time.monotonic()
-        if not engine.draining:
-            engine.drain()
-            self._drain_until = now + self._service.settings.drain_s
-        return engine.busy == 0 or now >= self._drain_until
-
-    def handle_exit(self, sig: int, frame: FrameType | None) -> None:
-        """A second signal ends the waiting for running jobs, a third one uvicorn's."""
-        if self.should_exit and time.monotonic() < self._drain_until:
-            self._drain_until = -math.inf
-            return
-        super().handle_exit(sig, frame)
-
-    async def startup(self, sockets: list[socket.socket] | None = None) -> None:
-        await super().startup(sockets=sockets)
-        if self.started:
-            data = self._service.settings.data
-            try:
-                await asyncio.to_thread(replace_text, data / ENDPOINT, json.dumps({"url": self._url}))
-            except OSError as error:  # a full disk: who asks for the address must be told by hand
-                _log.warning("%s cannot be written: %s", ENDPOINT, error)
-            self._announce(self._url)
-
-    async def shutdown(self, sockets: list[socket.socket] | None = None) -> None:
-        self._service.changes.close()
-        await super().shutdown(sockets=sockets)
-
-
 def _follow_stdin(server: uvicorn.Server) -> None:
     while os.read(sys.stdin.fileno(), 4096):  # not through its buffer: its lock would outlive this thread
         pass
     server.should_exit = True
 
 
-def _leave(_number: int, _frame: FrameType | None) -> None:
+def _exit(_number: int, _frame: FrameType | None) -> None:
     raise SystemExit(0)
 
 
-def _taken(data: Path, holder: str) -> str:
+def _in_use(data: Path, holder: str) -> str:
     url = endpoint(data)
     where = f" It listens at {url}." if url else ""
     return (
@@ -203,13 +126,18 @@ def _taken(data: Path, holder: str) -> str:
     )
 
 
+def _print_address(url: str) -> None:
+    sys.stdout.write(f"{url}\n")
+    sys.stdout.flush()
+
+
 def main() -> None:
     """Serve by environment variables alone, as the demo does; ends with whoever started it."""
     logs.configure("text")
     try:
-        serve(Settings.load(), announce=lambda line: print(line, flush=True), until_stdin_closes=True)
+        serve(Settings.load(), announce=_print_address, until_stdin_closes=True)
     except NeedlebenchError as error:
-        print(error, file=sys.stderr)
+        sys.stderr.write(f"{error}\n")
         raise SystemExit(2) from None
 
 

@@ -11,11 +11,11 @@ from simcore.errors import NeedlebenchError
 RUNNING, DONE, CANCELLED = "running", "done", "cancelled"
 
 
-class UnknownCampaign(NeedlebenchError, LookupError):
+class UnknownCampaignError(NeedlebenchError, LookupError):
     """There is no campaign of this id."""
 
 
-class CampaignActive(NeedlebenchError):
+class CampaignActiveError(NeedlebenchError):
     """The campaign still runs: it cannot be deleted."""
 
 

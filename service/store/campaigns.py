@@ -9,26 +9,26 @@ from typing import Any
 
 from sqlalchemy import Connection, Row, case, delete, func, insert, select, update
 
-from service.store import access_tables, tables
+from service.store import schema
 from service.store.campaign import (
     CANCELLED,
     DONE,
     RUNNING,
     Campaign,
-    CampaignActive,
+    CampaignActiveError,
     CampaignCase,
     CampaignPlan,
     Tally,
-    UnknownCampaign,
+    UnknownCampaignError,
 )
-from service.store.campaign_tables import campaign as _campaign
-from service.store.campaign_tables import campaign_case as _case
 from service.store.job import QUEUED, TERMINAL
 from service.store.job import RUNNING as JOB_RUNNING
 from service.store.jobs import Store
+from service.store.schema import campaign as _campaign
+from service.store.schema import campaign_case as _case
 from service.store.upload_references import check_uploads
 
-_job = tables.job
+_job = schema.job
 _COLUMNS = [_campaign.c[field.name] for field in fields(Campaign)]
 
 
@@ -101,22 +101,22 @@ class CampaignStore:
         connection.execute(insert(_case), cases)
         used = [{"job_id": i, "upload_id": upload} for i in ids for upload in plan.uploads]
         if used:
-            connection.execute(insert(access_tables.job_upload), used)
+            connection.execute(insert(schema.job_upload), used)
         data = {"priority": plan.priority, "timeout_s": plan.timeout_s, "campaign": made.id}
         events = [{"job_id": i, "at": now, "kind": QUEUED, "attempt": 0, "data": data} for i in ids]
-        connection.execute(insert(tables.event), events)
+        connection.execute(insert(schema.event), events)
 
     # -- reading
 
     def get(self, campaign_id: str) -> Campaign:
-        """Raises UnknownCampaign."""
+        """Raises UnknownCampaignError."""
         with self._store.reading() as connection:
             return self._read(connection, campaign_id)
 
     def _read(self, connection: Connection, campaign_id: str) -> Campaign:
         row = connection.execute(select(*_COLUMNS).where(_campaign.c.id == campaign_id)).one_or_none()
         if row is None:
-            raise UnknownCampaign(f"there is no campaign {campaign_id}")
+            raise UnknownCampaignError(f"there is no campaign {campaign_id}")
         return _to_campaign(row)
 
     def newest(
@@ -145,7 +145,7 @@ class CampaignStore:
             return {i: _tally(connection, i) for i in campaign_ids}
 
     def cases(self, campaign_id: str, *, results: bool = True) -> list[CampaignCase]:
-        """The cases in the order of the suite; a result is the job's while there is one. Raises UnknownCampaign."""
+        """The cases in suite order; a result is the job's while there is one. Raises UnknownCampaignError."""
         columns = [_case.c.number, _case.c.case_id, _case.c.labels, _case.c.job_id]
         columns += [_job.c.state, _job.c.error_kind, _job.c.error]
         query = (
@@ -169,7 +169,7 @@ class CampaignStore:
     # -- changing
 
     def cancel(self, campaign_id: str) -> Campaign:
-        """Cancel what is queued, ask what runs to stop; once more, and after the end, is no error."""
+        """Cancel queued jobs and ask running ones to stop. Idempotent, and no error after the end."""
         with self._store.writing() as connection:
             now = self._read(connection, campaign_id)
             if now.terminal or now.cancel_requested:
@@ -193,7 +193,7 @@ class CampaignStore:
             for row in rows
         ]
         if events:
-            connection.execute(insert(tables.event), events)
+            connection.execute(insert(schema.event), events)
             self._store.changed_within(event["job_id"] for event in events)
         row = connection.execute(
             update(_campaign)
@@ -252,11 +252,11 @@ class CampaignStore:
     def delete(self, campaign_id: str) -> list[str]:
         """Forget a campaign that has ended, with its jobs; the ids of these, whose folders may go.
 
-        Raises UnknownCampaign, CampaignActive.
+        Raises UnknownCampaignError, CampaignActiveError.
         """
         with self._store.writing() as connection:
             if not self._read(connection, campaign_id).terminal:
-                raise CampaignActive(f"campaign {campaign_id} is running: cancel it first")
+                raise CampaignActiveError(f"campaign {campaign_id} is running: cancel it first")
             mine = select(_case.c.job_id).where(_case.c.campaign_id == campaign_id, _case.c.job_id.is_not(None))
             ids = list(connection.execute(mine).scalars())
             connection.execute(delete(_job).where(_job.c.id.in_(mine)))

@@ -11,27 +11,28 @@ from collections.abc import Callable
 from contextlib import closing
 from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
-from alembic import command
-from alembic.config import Config
-from alembic.runtime.migration import MigrationContext
-from alembic.script import ScriptDirectory
 from sqlalchemy import Connection, Engine, create_engine, event
 
+from service.store.schema import REVISION
 from simcore.errors import NeedlebenchError
 
+if TYPE_CHECKING:
+    from alembic.config import Config
+
 _log = logging.getLogger("needlebench")
+MIGRATIONS = Path(__file__).parent / "migrations"
 _BUSY = "busy_timeout = 10000"
 _PRAGMAS = ("journal_mode = WAL", "synchronous = FULL", "foreign_keys = ON", _BUSY)
 
 
-class DatabaseTooNew(NeedlebenchError):
-    """The database was written by a later version of the program."""
+class ForeignDatabaseError(NeedlebenchError):
+    """The tables in the file are of another version of the program, or not of this program."""
 
 
 def open_database(path: Path, *, now: Callable[[], float] = time.time) -> Engine:
-    """An engine on the SQLite file at `path`, upgraded to the newest tables. Raises DatabaseTooNew.
+    """An engine on the SQLite file at `path`, upgraded to the newest tables. Raises ForeignDatabaseError.
 
     Before an upgrade the file is copied to the folder `backups` beside it. now: UTC seconds since 1970.
     """
@@ -100,20 +101,28 @@ def touch(engine: Engine) -> None:
 
 def revision_of(path: Path) -> str | None:
     """The revision of the tables in the file; None for one that has none. Raises sqlite3.Error."""
-    with closing(sqlite3.connect(f"{path.absolute().as_uri()}?mode=ro", uri=True)) as connection:
+    with closing(_read_only(path)) as connection:
         known = connection.execute("SELECT 1 FROM sqlite_master WHERE name = 'alembic_version'").fetchone()
         row = connection.execute("SELECT version_num FROM alembic_version").fetchone() if known else None
     return None if row is None else str(row[0])
 
 
+def _read_only(path: Path) -> sqlite3.Connection:
+    return sqlite3.connect(f"{path.absolute().as_uri()}?mode=ro", uri=True)
+
+
 def revisions() -> list[str]:
     """The revisions of the tables that this version knows, the newest first."""
+    from alembic.script import ScriptDirectory
+
     return [script.revision for script in ScriptDirectory.from_config(_config()).walk_revisions()]
 
 
 def _config() -> Config:
+    from alembic.config import Config
+
     config = Config()
-    config.set_main_option("script_location", str(Path(__file__).parent / "migrations").replace("%", "%%"))
+    config.set_main_option("script_location", str(MIGRATIONS).replace("%", "%%"))
     config.set_main_option("path_separator", "os")
     return config
 
@@ -135,20 +144,33 @@ def _back_up(path: Path, present: str, now: Callable[[], float]) -> Path:
 
 
 def _upgrade(engine: Engine, path: Path, now: Callable[[], float]) -> None:
-    config, ordered = _config(), revisions()
-    known = set(ordered)
+    """Bring the tables to the newest revision, in one transaction. Raises ForeignDatabaseError."""
     before = revision_of(path) if path.is_file() else None
-    if before in known and before != ordered[0]:
-        _log.warning(
-            "the database is upgraded from %s to %s; its copy: %s", before, ordered[0], _back_up(path, before, now)
-        )
+    if before == REVISION:
+        return  # the usual case, without the cost of Alembic
+    from alembic import command
+
+    if path.is_file():
+        _check_origin(path, before)
+    if before is not None:
+        copy = _back_up(path, before, now)
+        _log.warning("the database is upgraded from %s to %s; its copy: %s", before, REVISION, copy)
+    config = _config()
     with engine.execution_options(write=True).begin() as connection:
-        present = set(MigrationContext.configure(connection).get_current_heads())
-        if not present <= known:
-            raise DatabaseTooNew(
-                f"{path} was written by a later needlebench (its tables are at {', '.join(sorted(present - known))}): "
-                "install that version, or choose another folder with --data"
-            )
-        if present != {ordered[0]}:
-            config.attributes["connection"] = connection
-            command.upgrade(config, "head")
+        config.attributes["connection"] = connection
+        command.upgrade(config, "head")
+
+
+def _check_origin(path: Path, present: str | None) -> None:
+    """Raises ForeignDatabaseError for tables that this version can neither use nor upgrade; changes nothing."""
+    if present in revisions():
+        return
+    with closing(_read_only(path)) as connection:
+        tables = connection.execute("SELECT 1 FROM sqlite_master WHERE type = 'table'").fetchone()
+    if present is not None:
+        raise ForeignDatabaseError(
+            f"{path} was written by another version of needlebench (its tables are of revision {present}, this "
+            f"version uses {REVISION}): use the version that wrote it, or choose another folder with --data"
+        )
+    if tables is not None:
+        raise ForeignDatabaseError(f"{path} holds tables that are not needlebench's: choose another folder with --data")

@@ -2,8 +2,12 @@
 
 from __future__ import annotations
 
+import hashlib
+import json
 from dataclasses import dataclass
-from typing import Any
+from typing import Annotated, Any
+
+from pydantic import Field
 
 from simcore.errors import NeedlebenchError, Problem
 
@@ -11,6 +15,9 @@ QUEUED, RUNNING, SUCCEEDED = "queued", "running", "succeeded"
 FAILED, CANCELLED, TIMED_OUT = "failed", "cancelled", "timed_out"
 
 INSERTION, TRAINING = KINDS = ("insertion", "training")  # one simulated insertion; one model learned from a data set
+
+TimeLimit = Annotated[float, Field(strict=True, ge=1, le=86400, allow_inf_nan=False)]  # of a job, s
+TIME_LIMIT = "Most wall time of an attempt; null = an hour, or four times the estimate if that is longer."
 
 LEGAL: dict[str, frozenset[str]] = {
     QUEUED: frozenset({RUNNING, CANCELLED}),
@@ -28,11 +35,11 @@ MAXIMUM_ATTEMPTS = 25  # after which a death of the whole server is laid to the 
 CRASHED, REQUEUED = "crashed", "requeued"  # events: back in the queue, after a death or after an orderly stop
 
 
-class UnknownJob(NeedlebenchError, LookupError):
+class UnknownJobError(NeedlebenchError, LookupError):
     """There is no job of this id."""
 
 
-class IllegalTransition(NeedlebenchError):
+class IllegalTransitionError(NeedlebenchError):
     """The job is not in a state from which it may go where it was sent; says in which it is."""
 
     def __init__(self, job_id: str, state: str, wanted: str) -> None:
@@ -40,15 +47,15 @@ class IllegalTransition(NeedlebenchError):
         super().__init__(f"job {job_id} is {state}: it cannot become {wanted}")
 
 
-class KeyReused(NeedlebenchError):
+class KeyReusedError(NeedlebenchError):
     """An idempotency key came again with another request."""
 
 
-class QueueFull(NeedlebenchError):
+class QueueFullError(NeedlebenchError):
     """No more jobs are taken now."""
 
 
-class UploadGone(NeedlebenchError, LookupError):
+class UploadGoneError(NeedlebenchError, LookupError):
     """A job names uploads that were deleted meanwhile; `problems` names the fields."""
 
     def __init__(self, problems: list[Problem]) -> None:
@@ -56,7 +63,7 @@ class UploadGone(NeedlebenchError, LookupError):
         super().__init__("; ".join(f"{p.field}: {p.message}" for p in problems))
 
 
-class InputGone(NeedlebenchError):
+class InputGoneError(NeedlebenchError):
     """A job cannot run again: an upload that it names was deleted since; `problems` names the fields."""
 
     def __init__(self, job_id: str, problems: list[Problem]) -> None:
@@ -89,7 +96,7 @@ class Event:
 
 @dataclass(frozen=True, kw_only=True)
 class Outcome:
-    """How an attempt ended: a terminal state and what goes with it. progress: None = as it was told last."""
+    """How an attempt ended: a terminal state and what goes with it. progress: None = as last stored."""
 
     state: str
     progress: dict[str, Any] | None = None
@@ -141,3 +148,8 @@ class Job:
     def folder(self) -> str:
         """Folder of the current attempt, relative to the data folder. An attempt never writes into another's."""
         return f"jobs/{self.id}/{self.attempt}"
+
+
+def content_hash(value: Any) -> str:
+    """SHA-256 of JSON data, whatever the order of its fields."""
+    return hashlib.sha256(json.dumps(value, sort_keys=True, separators=(",", ":")).encode()).hexdigest()

@@ -1,4 +1,7 @@
-"""What can be asked of the store: jobs, their files and their history. Changes nothing."""
+"""What can be asked of the store (jobs, their files, their history), and the statements that change jobs.
+
+Statements are made once: making one costs more than running it.
+"""
 
 from __future__ import annotations
 
@@ -6,51 +9,102 @@ import statistics
 from dataclasses import fields
 from typing import Any
 
-from sqlalchemy import Connection, Engine, Row, Select, and_, bindparam, exists, func, literal, or_, select
+from sqlalchemy import (
+    Connection,
+    Row,
+    Select,
+    and_,
+    bindparam,
+    exists,
+    func,
+    insert,
+    literal,
+    literal_column,
+    or_,
+    select,
+    update,
+)
 
-from service.store import tables
+from service.settings import Limits
+from service.store import schema
 from service.store.campaign import RUNNING as CAMPAIGN_RUNNING
-from service.store.campaign_tables import campaign, campaign_case
-from service.store.job import INSERTION, QUEUED, SUCCEEDED, TERMINAL, Artefact, Event, Job, UnknownJob
+from service.store.job import (
+    INSERTION,
+    QUEUED,
+    RUNNING,
+    SUCCEEDED,
+    TERMINAL,
+    Artefact,
+    Event,
+    Job,
+    KeyReusedError,
+    QueueFullError,
+    UnknownJobError,
+)
+from service.store.schema import campaign, campaign_case
+from service.store.transactions import Transactions
 
-JOB = tables.job
+JOB = schema.job
 COLUMNS = [JOB.c[field.name] for field in fields(Job)]
 LISTED = [literal(None).label(c.name) if c.name in ("spec", "result") else c for c in COLUMNS]
-WHOLE = select(*COLUMNS).where(JOB.c.id == bindparam("job_id"))  # made once: making one costs more than running it
+WHOLE = select(*COLUMNS).where(JOB.c.id == bindparam("job_id"))
 BRIEF = select(*LISTED).where(JOB.c.id == bindparam("job_id"))
+NEW = insert(JOB).returning(*COLUMNS)
+EVENT = insert(schema.event)
+ARTEFACT = insert(schema.artefact)
+FILE_FIELDS = [field.name for field in fields(Artefact)]
+ALL_QUEUED = select(func.count()).select_from(JOB).where(JOB.c.state == QUEUED)
+QUEUED_ALONE = ALL_QUEUED.where(~exists().where(campaign_case.c.job_id == JOB.c.id))
+NEXT = (
+    select(JOB.c.seq)
+    # SQLite's hint, with the state in the text: else it sorts all queued jobs each time, as if they were few
+    .where(func.likely(JOB.c.state == literal_column(f"'{QUEUED}'")))
+    .order_by(JOB.c.priority.desc(), JOB.c.seq)
+    .limit(1)
+    .with_for_update(skip_locked=True)
+    .scalar_subquery()
+)
+CLAIM = (
+    update(JOB)
+    .where(JOB.c.seq == NEXT, JOB.c.state == QUEUED)
+    .values(state=RUNNING, attempt=JOB.c.attempt + 1, progress=None, version=JOB.c.version + 1)
+    .values(started_at=bindparam("now"), heartbeat_at=bindparam("now"))
+    .returning(*COLUMNS)
+)
+OF_ATTEMPT = (
+    update(JOB)
+    .where(JOB.c.id == bindparam("of_id"), JOB.c.attempt == bindparam("of_attempt"))
+    .where(JOB.c.state == bindparam("of_state"))
+    .values(version=JOB.c.version + 1)
+)
+MOVE = OF_ATTEMPT.returning(*COLUMNS)
+MEANWHILE = [JOB.c[name] for name in ("version", "progress", "heartbeat_at", "cancel_requested", "pinned")]
+END = OF_ATTEMPT.returning(*MEANWHILE)  # what others may have changed since the claim; the rest is known
 _CANCELLED = select(JOB.c.cancel_requested).where(JOB.c.id == bindparam("job_id"))
 _MOST_EVENTS = 1000
 
 
-class Reads:
+class JobQueries(Transactions):
     """The reading half of the store, one short transaction a question."""
 
-    def __init__(self, engine: Engine) -> None:
-        self._engine = engine
-
-    @property
-    def engine(self) -> Engine:
-        """The database."""
-        return self._engine
-
     def get(self, job_id: str) -> Job:
-        """The job with its spec and result. Raises UnknownJob."""
-        with self._engine.begin() as connection:
+        """The job with its spec and result. Raises UnknownJobError."""
+        with self.reading() as connection:
             return read(connection, job_id)
 
-    def glance(self, job_id: str) -> Job:
-        """The job without its spec and result, which can be large. Raises UnknownJob."""
-        with self._engine.begin() as connection:
+    def get_summary(self, job_id: str) -> Job:
+        """The job without its spec and result, which can be large. Raises UnknownJobError."""
+        with self.reading() as connection:
             return read(connection, job_id, BRIEF)
 
-    def having(self, job_id: str) -> list[Job]:
+    def find(self, job_id: str) -> list[Job]:
         """The job without its spec and result, if there is one."""
-        with self._engine.begin() as connection:
+        with self.reading() as connection:
             return [to_job(row) for row in connection.execute(BRIEF, {"job_id": job_id})]
 
     def cancel_requested(self, job_id: str) -> bool:
         """Whether somebody wants the job to stop; also when it is gone."""
-        with self._engine.begin() as connection:
+        with self.reading() as connection:
             return bool(connection.execute(_CANCELLED, {"job_id": job_id}).scalar_one_or_none() in (True, None))
 
     def newest(self, *, state: str | None = None, limit: int = 50, before: int | None = None) -> list[Job]:
@@ -60,7 +114,7 @@ class Reads:
             query = query.where(JOB.c.state == state)
         if before is not None:
             query = query.where(JOB.c.seq < before)
-        with self._engine.begin() as connection:
+        with self.reading() as connection:
             return [to_job(row) for row in connection.execute(query)]
 
     def ended(self) -> list[Job]:
@@ -72,7 +126,7 @@ class Reads:
             campaign.c.state == CAMPAIGN_RUNNING,
         )
         query = select(*LISTED).where(JOB.c.state.in_(sorted(TERMINAL)), ~needed)
-        with self._engine.begin() as connection:
+        with self.reading() as connection:
             return [
                 to_job(row) for row in connection.execute(query.order_by(JOB.c.finished_at.desc(), JOB.c.seq.desc()))
             ]
@@ -80,25 +134,25 @@ class Reads:
     def counts(self) -> dict[str, int]:
         """How many jobs there are in each state, those with none included."""
         query = select(JOB.c.state, func.count().label("jobs")).group_by(JOB.c.state)
-        with self._engine.begin() as connection:
+        with self.reading() as connection:
             found = {row.state: row.jobs for row in connection.execute(query)}
-        return {state: found.get(state, 0) for state in tables.STATES}
+        return {state: found.get(state, 0) for state in schema.STATES}
 
     def before(self, job: Job) -> int:
         """How many queued jobs will begin before this one."""
         sooner = or_(JOB.c.priority > job.priority, and_(JOB.c.priority == job.priority, JOB.c.seq < job.seq))
-        with self._engine.begin() as connection:
+        with self.reading() as connection:
             query = select(func.count()).select_from(JOB).where(JOB.c.state == QUEUED, sooner)
             return int(connection.execute(query).scalar_one())
 
     def oldest_queued_at(self) -> float | None:
         """When the job that has waited longest was submitted; None when nothing waits."""
-        with self._engine.begin() as connection:
+        with self.reading() as connection:
             return connection.execute(select(func.min(JOB.c.created_at)).where(JOB.c.state == QUEUED)).scalar()
 
     def ids(self) -> set[str]:
         """The ids of all jobs."""
-        with self._engine.begin() as connection:
+        with self.reading() as connection:
             return set(connection.execute(select(JOB.c.id)).scalars())
 
     def step_s(self) -> float | None:
@@ -110,36 +164,36 @@ class Reads:
             .order_by(JOB.c.seq.desc())
             .limit(50)
         )
-        with self._engine.begin() as connection:
+        with self.reading() as connection:
             found = [float(value) for value in connection.execute(query).scalars() if value is not None]
         return statistics.median(found) if found else None
 
     def artefacts(self, job_id: str) -> list[Artefact]:
         """What the job left behind, by name."""
-        query = select(*(tables.artefact.c[field.name] for field in fields(Artefact)))
-        query = query.where(tables.artefact.c.job_id == job_id).order_by(tables.artefact.c.name)
-        with self._engine.begin() as connection:
+        query = select(*(schema.artefact.c[field.name] for field in fields(Artefact)))
+        query = query.where(schema.artefact.c.job_id == job_id).order_by(schema.artefact.c.name)
+        with self.reading() as connection:
             return [Artefact(**row._mapping) for row in connection.execute(query)]
 
     def events(self, job_id: str | None = None, *, after: int = 0, limit: int = _MOST_EVENTS) -> list[Event]:
         """What happened to a job, or to all, after event number `after`; oldest first."""
-        query = select(tables.event).where(tables.event.c.seq > after).order_by(tables.event.c.seq).limit(limit)
+        query = select(schema.event).where(schema.event.c.seq > after).order_by(schema.event.c.seq).limit(limit)
         if job_id is not None:
-            query = query.where(tables.event.c.job_id == job_id)
-        with self._engine.begin() as connection:
+            query = query.where(schema.event.c.job_id == job_id)
+        with self.reading() as connection:
             return [Event(**row._mapping) for row in connection.execute(query)]
 
     def last_event(self) -> int:
         """The number of the latest event of all; 0 when there is none."""
-        with self._engine.begin() as connection:
-            return connection.execute(select(func.max(tables.event.c.seq))).scalar() or 0
+        with self.reading() as connection:
+            return connection.execute(select(func.max(schema.event.c.seq))).scalar() or 0
 
 
 def read(connection: Connection, job_id: str, query: Select[Any] = WHOLE) -> Job:
-    """The job of this id, within a transaction; BRIEF leaves out spec and result. Raises UnknownJob."""
+    """The job of this id, within a transaction; BRIEF leaves out spec and result. Raises UnknownJobError."""
     row = connection.execute(query, {"job_id": job_id}).one_or_none()
     if row is None:
-        raise UnknownJob(f"there is no job {job_id}")
+        raise UnknownJobError(f"there is no job {job_id}")
     return to_job(row)
 
 
@@ -147,3 +201,27 @@ def to_job(row: Row[Any]) -> Job:
     """A row of the job table."""
     columns = dict(row._mapping)
     return Job(**{**columns, "timeout_s": float(columns["timeout_s"])})  # SQLite returns 3.0 as 3
+
+
+def check_room(connection: Connection, owner: str | None, limits: Limits) -> None:
+    """Whether the queue takes one more job of this API key. Raises QueueFullError."""
+    if connection.execute(ALL_QUEUED).scalar_one() >= limits.queue:  # else there is no need to look closer
+        queued = connection.execute(QUEUED_ALONE).scalar_one()  # a campaign is one request, however large
+        if queued >= limits.queue:
+            raise QueueFullError(f"{queued} jobs are queued, at most {limits.queue} are taken")
+    if owner is not None:
+        queued = connection.execute(QUEUED_ALONE.where(JOB.c.owner == owner)).scalar_one()
+        if queued >= (most := limits.queue_per_key):
+            raise QueueFullError(f"{queued} jobs of this key are queued, at most {most} of one key are taken")
+
+
+def find_original(connection: Connection, key: str | None, request_hash: str) -> Job | None:
+    """The job that was submitted with this idempotency key, if there is one. Raises KeyReusedError."""
+    if key is None:
+        return None
+    seen = connection.execute(select(schema.idempotency).where(schema.idempotency.c.key == key)).one_or_none()
+    if seen is None:
+        return None
+    if seen.request_hash != request_hash:
+        raise KeyReusedError(f"this key was used for job {seen.job_id} with another request")
+    return read(connection, seen.job_id)

@@ -13,8 +13,8 @@ from sqlalchemy.exc import OperationalError
 
 from service.access import ADMIN, SCOPES, Caller
 from service.api_key import digest_of, id_of, new_key
-from service.store.access_tables import api_key, session
 from service.store.jobs import Store
+from service.store.schema import api_key, session
 from simcore.errors import NeedlebenchError, Problem, ScenarioError
 
 ENVIRONMENT = "environment"  # the id of the key in NEEDLEBENCH_API_KEY
@@ -24,7 +24,7 @@ _USE_NOTED_S = 60.0
 _ASKED_AGAIN_S = 1.0
 
 
-class UnknownKey(NeedlebenchError, LookupError):
+class UnknownKeyError(NeedlebenchError, LookupError):
     """There is no key of this id."""
 
 
@@ -56,7 +56,7 @@ class Keys:
     # -- keys
 
     def create(self, *, scope: str, note: str = "") -> tuple[ApiKey, str]:
-        """A new key and its text, which cannot be had again. Raises ScenarioError."""
+        """A new key and its text, which cannot be shown again. Raises ScenarioError."""
         if scope not in SCOPES:
             raise ScenarioError([Problem("scope", scope, f"must be {', '.join(SCOPES)}")])
         if len(note) > NOTE_LENGTH or not note.isprintable():
@@ -69,11 +69,11 @@ class Keys:
         return self.get(key_id), key
 
     def get(self, key_id: str) -> ApiKey:
-        """Raises UnknownKey."""
+        """Raises UnknownKeyError."""
         with self._store.reading() as connection:
             row = connection.execute(select(*_SHOWN).where(api_key.c.id == key_id)).one_or_none()
         if row is None:
-            raise UnknownKey(f"there is no key {key_id}")
+            raise UnknownKeyError(f"there is no key {key_id}")
         return ApiKey(**row._mapping)
 
     def all(self) -> list[ApiKey]:
@@ -83,7 +83,7 @@ class Keys:
             return [ApiKey(**row._mapping) for row in rows]
 
     def revoke(self, key_id: str) -> ApiKey:
-        """From now on the key opens nothing, and its sessions have ended; once more is no error. Raises UnknownKey."""
+        """End the key and its sessions. Idempotent. Raises UnknownKeyError."""
         change = update(api_key).where(api_key.c.id == key_id, api_key.c.revoked_at.is_(None))
         with self._store.writing() as connection:
             connection.execute(change.values(revoked_at=self._store.now))

@@ -1,8 +1,9 @@
-"""The models that a service knows: those that come along, those that were sent in, those that its jobs have trained."""
+"""The models that a service knows: the bundled ones, those that were sent in, those that its jobs have trained."""
 
 from __future__ import annotations
 
 import hashlib
+import re
 from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
@@ -12,27 +13,26 @@ from sqlalchemy import select
 
 from service.files.model_content import model_content
 from service.files.upload_names import SCHEME, UPLOAD_ID
-from service.store.access_tables import job_upload
 from service.store.job import Job
 from service.store.job_queries import LISTED, to_job
 from service.store.jobs import Store
-from service.store.tables import job
+from service.store.schema import job, job_upload
 from service.store.uploads import Upload, Uploads
 from simcore.errors import NeedlebenchError
-from simcore.learning.trained import DEFAULT, PACKAGED, REGRESSORS
 
-MODEL_ID = rf"([a-z]{{1,16}}|{UPLOAD_ID})"
-LOOKED_THROUGH = 2000  # of the latest jobs, for those that used a model that came along
+KIND = "[a-z]{1,16}"
+MODEL_ID = rf"({KIND}|{UPLOAD_ID})"
+LOOKED_THROUGH = 2000  # of the latest jobs, for those that used a bundled model
 Source = Literal["packaged", "uploaded", "trained"]
 
 
-class UnknownModel(NeedlebenchError, LookupError):
+class UnknownModelError(NeedlebenchError, LookupError):
     """There is no model of this id."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class Model:
-    """One model. id: its kind for one that comes along, else that of its upload. reference: what `controller.model`
+    """One model. id: its kind for a bundled one, else that of its upload. reference: what `controller.model`
     says to steer by it, with `controller.kind` = kind. job_id: of the training. content: of `learned_content`."""
 
     id: str
@@ -59,19 +59,18 @@ class Models:
         self._store = store
 
     def all(self, *, limit: int) -> list[Model]:
-        """Those of this service, newest first, then those that come along."""
+        """Those of this service, newest first, then the bundled ones."""
         found = self._uploads.newest(limit=limit, kind="model")
         return [self._of(upload) for upload in found if "kind" in upload.content] + packaged()
 
     def get(self, model_id: str) -> Model:
-        """Raises UnknownModel."""
-        if model_id in REGRESSORS:
-            for model in packaged():
-                if model.id == model_id:
-                    return model
+        """Raises UnknownModelError."""
+        for model in packaged() if re.fullmatch(KIND, model_id) else ():
+            if model.id == model_id:
+                return model
         upload = self._uploads.find(model_id)
         if upload is None or upload.kind != "model" or "kind" not in upload.content:
-            raise UnknownModel(f"there is no model {model_id}")
+            raise UnknownModelError(f"there is no model {model_id}")
         return self._of(upload)
 
     def _of(self, upload: Upload) -> Model:
@@ -93,7 +92,7 @@ class Models:
         )
 
     def used_by(self, model: Model, *, limit: int) -> list[Job]:
-        """Jobs that steer by it, newest first, without spec and result; of a model that comes along, those among the
+        """Jobs that steer by it, newest first, without spec and result; of a bundled model, those among the
         latest 2000 jobs."""
         says = job.c.spec["scenario"]["controller"]["model_sha256"].as_string() == model.sha256
         query = select(*LISTED).where(says).order_by(job.c.seq.desc()).limit(limit)
@@ -108,11 +107,15 @@ class Models:
 
 @cache
 def packaged() -> list[Model]:
-    """The models that come along, by kind."""
+    """The bundled models, by kind."""
+    from simcore.learning.trained import PACKAGED
+
     return [_packaged(path) for path in sorted(PACKAGED.glob("*.json"))]
 
 
 def _packaged(path: Path) -> Model:
+    from simcore.learning.trained import DEFAULT
+
     content = model_content(path)
     data = path.read_bytes()
     return Model(

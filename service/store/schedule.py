@@ -23,15 +23,15 @@ GRACE_S = 60.0
 MOST_TICKS = 1000  # that one look at the clock turns into runs; a longer gap is caught up by the next looks
 
 
-class UnknownSchedule(NeedlebenchError, LookupError):
+class UnknownScheduleError(NeedlebenchError, LookupError):
     """There is no schedule of this id."""
 
 
-class ScheduleExists(NeedlebenchError):
+class ScheduleExistsError(NeedlebenchError):
     """There is a schedule of this name already."""
 
 
-class ScheduleChanged(NeedlebenchError):
+class ScheduleChangedError(NeedlebenchError):
     """Somebody else changed the schedule meanwhile."""
 
 

@@ -12,9 +12,6 @@ from sqlalchemy import Connection, Row, delete, insert, select, update
 from sqlalchemy.exc import IntegrityError
 
 from service.store.campaign import RUNNING, CampaignPlan
-from service.store.campaign_tables import campaign as _campaign
-from service.store.campaign_tables import schedule as _schedule
-from service.store.campaign_tables import schedule_run as _run
 from service.store.campaigns import CampaignStore
 from service.store.jobs import Store
 from service.store.schedule import (
@@ -23,14 +20,17 @@ from service.store.schedule import (
     OVERLAP,
     STARTED,
     Schedule,
-    ScheduleChanged,
-    ScheduleExists,
+    ScheduleChangedError,
+    ScheduleExistsError,
     ScheduleRun,
-    UnknownSchedule,
+    UnknownScheduleError,
     next_tick,
     ticks,
     to_fire,
 )
+from service.store.schema import campaign as _campaign
+from service.store.schema import schedule as _schedule
+from service.store.schema import schedule_run as _run
 from simcore.errors import NeedlebenchError
 
 _COLUMNS = [_schedule.c[field.name] for field in fields(Schedule)]
@@ -47,7 +47,7 @@ class ScheduleStore:
         self._campaigns = campaigns
 
     def create(self, values: dict[str, Any]) -> Schedule:
-        """values: name, cron, timezone, catchup, overlap, request, enabled. Raises ScheduleExists, ScenarioError."""
+        """values: the fields of a schedule that are given. Raises ScheduleExistsError, ScenarioError."""
         now = self._store.now
         first = next_tick(values["cron"], values["timezone"], now)
         row = {**values, "id": secrets.token_hex(8), "next_run_at": first, "created_at": now, "version": 1}
@@ -55,14 +55,14 @@ class ScheduleStore:
             return _to_schedule(connection.execute(insert(_schedule).values(row).returning(*_COLUMNS)).one())
 
     def change(self, schedule_id: str, values: dict[str, Any], *, version: int | None) -> Schedule:
-        """Other values for some fields; version: the one that the caller has seen. The next moment is found anew.
+        """Other values for some fields; version: the one that the caller has seen. The next tick is computed again.
 
-        Raises UnknownSchedule, ScheduleChanged, ScheduleExists, ScenarioError.
+        Raises UnknownScheduleError, ScheduleChangedError, ScheduleExistsError, ScenarioError.
         """
         with self._writing_one(values.get("name", "")) as connection:  # nobody writes between reading and writing
             now = self._read(connection, schedule_id)
             if version is not None and version != now.version:
-                raise ScheduleChanged(
+                raise ScheduleChangedError(
                     f"schedule {schedule_id} is at version {now.version}, not at {version}: read it again"
                 )
             timing = {name: values.get(name, getattr(now, name)) for name in ("cron", "timezone")}
@@ -77,22 +77,22 @@ class ScheduleStore:
 
     @contextmanager
     def _writing_one(self, name: str) -> Iterator[Connection]:
-        """A transaction that writes a schedule called `name`. Raises ScheduleExists if another has that name."""
+        """A transaction that writes a schedule called `name`. Raises ScheduleExistsError if another has that name."""
         try:
             with self._store.writing() as connection:
                 yield connection
         except IntegrityError:
-            raise ScheduleExists(f"there is a schedule named {name!r} already") from None
+            raise ScheduleExistsError(f"there is a schedule named {name!r} already") from None
 
     def get(self, schedule_id: str) -> Schedule:
-        """Raises UnknownSchedule."""
+        """Raises UnknownScheduleError."""
         with self._store.reading() as connection:
             return self._read(connection, schedule_id)
 
     def _read(self, connection: Connection, schedule_id: str) -> Schedule:
         row = connection.execute(select(*_COLUMNS).where(_schedule.c.id == schedule_id)).one_or_none()
         if row is None:
-            raise UnknownSchedule(f"there is no schedule {schedule_id}")
+            raise UnknownScheduleError(f"there is no schedule {schedule_id}")
         return _to_schedule(row)
 
     def all(self) -> list[Schedule]:
@@ -101,13 +101,13 @@ class ScheduleStore:
             return [_to_schedule(row) for row in connection.execute(select(*_COLUMNS).order_by(_schedule.c.name))]
 
     def delete(self, schedule_id: str) -> None:
-        """Forget a schedule and its history; campaigns that it started stay. Raises UnknownSchedule."""
+        """Forget a schedule and its history; campaigns that it started stay. Raises UnknownScheduleError."""
         with self._store.writing() as connection:
             self._read(connection, schedule_id)
             connection.execute(delete(_schedule).where(_schedule.c.id == schedule_id))
 
     def runs(self, schedule_id: str, *, limit: int = 50) -> list[ScheduleRun]:
-        """What became of its ticks, newest first. Raises UnknownSchedule."""
+        """What became of its ticks, newest first. Raises UnknownScheduleError."""
         query = select(*_RUN_COLUMNS).where(_run.c.schedule_id == schedule_id).order_by(_run.c.seq.desc()).limit(limit)
         with self._store.reading() as connection:
             self._read(connection, schedule_id)

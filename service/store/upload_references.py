@@ -7,10 +7,9 @@ from typing import Any
 
 from sqlalchemy import Connection, select
 
-from service.files.references import references
-from service.files.upload_names import SCHEME
-from service.store.access_tables import upload
-from service.store.job import UploadGone
+from service.files.upload_names import SCHEME, references
+from service.store.job import UploadGoneError
+from service.store.schema import upload
 from simcore.errors import Problem
 
 _GONE = "the upload was deleted: send it again with `needlebench upload`"
@@ -24,10 +23,10 @@ def missing(connection: Connection, spec: Mapping[str, Any]) -> list[Problem]:
 
 
 def check_uploads(connection: Connection, uploads: Collection[str], spec: Mapping[str, Any]) -> None:
-    """Raises UploadGone, with the fields of `spec` that name them, when any of these uploads is not there any more."""
+    """Raises UploadGoneError, with the fields of `spec` that name them, when any of these uploads was deleted."""
     if gone := _gone(connection, uploads):
         fields = {upload_id: field for field, upload_id in _named(spec)}
-        raise UploadGone([Problem(fields.get(one, ""), f"{SCHEME}{one}", _GONE) for one in sorted(gone)])
+        raise UploadGoneError([Problem(fields.get(one, ""), f"{SCHEME}{one}", _GONE) for one in sorted(gone)])
 
 
 def _named(spec: Mapping[str, Any]) -> Iterator[tuple[str, str]]:

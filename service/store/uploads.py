@@ -18,28 +18,25 @@ from typing import Any
 
 from sqlalchemy import Connection, delete, func, insert, select, update
 
-from service.files.references import references
-from service.files.upload_names import UploadLookup
-from service.limits import Limits
-from service.store.access_tables import job_upload, upload
-from service.store.campaign_tables import campaign, schedule
+from service.files.upload_names import UploadLookup, references
+from service.settings import Limits
 from service.store.job import QUEUED, RUNNING, Job
 from service.store.jobs import Store
-from service.store.tables import job
+from service.store.schema import campaign, job, job_upload, schedule, upload
 from simcore.errors import NeedlebenchError
 
 _PART = ".part"
 
 
-class UnknownUpload(NeedlebenchError, LookupError):
+class UnknownUploadError(NeedlebenchError, LookupError):
     """There is no upload of this id."""
 
 
-class UploadInUse(NeedlebenchError):
+class UploadInUseError(NeedlebenchError):
     """It is pinned, or a job that is queued or running will read it."""
 
 
-class UploadsFull(NeedlebenchError):
+class UploadsFullError(NeedlebenchError):
     """All uploads together would be more than what is kept."""
 
 
@@ -92,10 +89,10 @@ class Uploads:
             return _read(connection, upload_id)
 
     def get(self, upload_id: str) -> Upload:
-        """Raises UnknownUpload."""
+        """Raises UnknownUploadError."""
         found = self.find(upload_id)
         if found is None:
-            raise UnknownUpload(f"there is no upload {upload_id}")
+            raise UnknownUploadError(f"there is no upload {upload_id}")
         return found
 
     def newest(self, *, limit: int, kind: str | None = None) -> list[Upload]:
@@ -107,6 +104,7 @@ class Uploads:
             return [Upload(**row._mapping) for row in connection.execute(query)]
 
     def path(self, found: Upload) -> Path:
+        """Where its file is."""
         return self.folder / found.id
 
     def keep(
@@ -120,7 +118,7 @@ class Uploads:
         owner: str | None,
         job_id: str | None = None,
     ) -> tuple[Upload, bool]:
-        """Make a complete, checked draft an upload; whether it is new. Raises UploadsFull.
+        """Make a complete, checked draft an upload; whether it is new. Raises UploadsFullError.
 
         job_id: of the job that made it, which names it from now on.
         """
@@ -136,7 +134,7 @@ class Uploads:
             job_id=job_id,
         )
         with self._turn:
-            self._make_sure_of_room(new)
+            self._check_room(new)
             draft.replace(self.path(new))
             _flush(self.folder)
             with self._store.writing() as connection:
@@ -148,13 +146,13 @@ class Uploads:
                     _name(connection, job_id, new.id)
         return known or new, known is None
 
-    def keep_made(self, made: Path, job: Job, told: dict[str, Any]) -> Upload:
-        """Make the model that a job wrote, and told about in its result, an upload, by a copy; once more is no error.
+    def keep_made(self, made: Path, job: Job, described: dict[str, Any]) -> Upload:
+        """Make the model that a job wrote and described in its result an upload, by a copy. Idempotent.
 
-        Raises UploadsFull, OSError.
+        Raises UploadsFullError, OSError.
         """
         name = f"{job.name}.json"
-        content = {key: value for key, value in told.items() if key not in ("id", "bytes")}
+        content = {key: value for key, value in described.items() if key not in ("id", "bytes")}
         draft = self.draft(made.suffix)
         try:
             with made.open("rb") as source, draft.open("xb") as target:
@@ -170,33 +168,33 @@ class Uploads:
         finally:
             draft.unlink(missing_ok=True)
 
-    def _make_sure_of_room(self, new: Upload) -> None:
+    def _check_room(self, new: Upload) -> None:
         others = select(func.coalesce(func.sum(upload.c.bytes), 0)).where(upload.c.id != new.id)
         with self._store.reading() as connection:
             total_mb = (connection.execute(others).scalar_one() + new.bytes) / 1e6
         if total_mb > self._most_mb:
             message = f"all uploads would be {total_mb:.4g} MB, at most {self._most_mb:g} are kept: delete some"
-            raise UploadsFull(message)
+            raise UploadsFullError(message)
 
     def pin(self, upload_id: str, *, pinned: bool) -> Upload:
-        """Keep it whatever is cleared away, or no longer. Once more is no error. Raises UnknownUpload."""
+        """Keep it out of every retention, or no longer. Idempotent. Raises UnknownUploadError."""
         with self._store.writing() as connection:
             connection.execute(update(upload).where(upload.c.id == upload_id).values(pinned=pinned))
         return self.get(upload_id)
 
     def delete(self, upload_id: str) -> None:
-        """Raises UnknownUpload, and UploadInUse while it is pinned or a queued or running job names it."""
+        """Raises UnknownUploadError, and UploadInUseError while it is pinned or a queued or running job names it."""
         active = select(job.c.id).join(job_upload, job_upload.c.job_id == job.c.id)
         active = active.where(job_upload.c.upload_id == upload_id, job.c.state.in_((QUEUED, RUNNING))).limit(1)
         with self._turn:
             with self._store.writing() as connection:
                 found = _read(connection, upload_id)
                 if found is None:
-                    raise UnknownUpload(f"there is no upload {upload_id}")
+                    raise UnknownUploadError(f"there is no upload {upload_id}")
                 if found.pinned:
-                    raise UploadInUse(f"the upload {upload_id} is pinned")
+                    raise UploadInUseError(f"the upload {upload_id} is pinned")
                 if (user := connection.execute(active).scalar_one_or_none()) is not None:
-                    raise UploadInUse(f"job {user} has not ended and uses the upload {upload_id}")
+                    raise UploadInUseError(f"job {user} has not ended and uses the upload {upload_id}")
                 connection.execute(delete(upload).where(upload.c.id == upload_id))
             (self.folder / upload_id).unlink(missing_ok=True)
 

@@ -1,1 +1,1 @@
-"""The web pages: rendered on the server, kept alive by small scripts of their own, all from this folder."""
+"""The web pages: rendered on the server, updated by small scripts, all from this folder."""

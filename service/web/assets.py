@@ -1,4 +1,4 @@
-"""Styles, scripts and pictures of the pages, under an address that holds the digest of all of them."""
+"""Styles, scripts and pictures of the pages, at an address that contains the digest of all of them."""
 
 from __future__ import annotations
 
@@ -8,8 +8,8 @@ from pathlib import Path
 
 from fastapi import APIRouter, Header, Response
 
-from service.api.context import matches
-from service.api.problems import HttpProblem
+from service.api.context import etag_matches
+from service.api.problems import HttpError
 
 router = APIRouter(include_in_schema=False)
 
@@ -32,7 +32,7 @@ def files() -> dict[str, bytes]:
 
 @cache
 def digest() -> str:
-    """Of all files and their names: another one whenever any of them changes."""
+    """Of all files and their names: it changes whenever any of them does."""
     hashed = hashlib.sha256()
     for name, content in files().items():
         hashed.update(f"{name}\0{len(content)}\0".encode() + content)
@@ -40,7 +40,7 @@ def digest() -> str:
 
 
 def url(name: str) -> str:
-    """Where a file is. Raises KeyError for one that there is not."""
+    """Address of a file. Raises KeyError for an unknown one."""
     if name not in files():
         raise KeyError(name)
     return f"/static/{digest()}/{name}"
@@ -51,8 +51,8 @@ def get_asset(version: str, name: str, if_none_match: str | None = Header(None))
     """One file; a script that imports another by a relative name stays within one version."""
     content = files().get(name)
     if content is None or version != digest():
-        raise HttpProblem(404, "there is no such file in this version of the pages")
+        raise HttpError(404, "this version of the pages has no such file")
     headers = {"ETag": f'"{version}"', "Cache-Control": _FOREVER, "X-Content-Type-Options": "nosniff"}
-    if matches(if_none_match, headers["ETag"]):
+    if etag_matches(if_none_match, headers["ETag"]):
         return Response(status_code=304, headers=headers)
     return Response(content, media_type=_TYPES[Path(name).suffix], headers=headers)

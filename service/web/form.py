@@ -1,4 +1,4 @@
-"""The form of a scenario, made from its JSON schema: blocks become groups, kinds of a block become a choice."""
+"""The form of a scenario, built from its JSON schema: blocks become groups, kinds of a block become a choice."""
 
 from __future__ import annotations
 
@@ -24,13 +24,13 @@ UNITS = {
     "_s": "s",
 }
 WORDS = {"dt": "time step", "rcm": "RCM", "sha256": "SHA-256"}
-OPEN = ("", "tissue", "trajectory", "controller")  # groups that a newcomer should see
+OPEN = ("", "tissue", "trajectory", "controller")  # groups that are unfolded at first
 _TAG = "kind"
 
 
 @dataclass(frozen=True)
 class Entry:
-    """One field. entry: number, integer, text, switch, choice, choices, vector, list or json; kinds: where it counts.
+    """One field. entry: number, integer, text, switch, choice, choices, vector, list or json; kinds: which have it.
 
     default, minimum, maximum: as in the schema, of each component for a vector.
     """
@@ -59,7 +59,7 @@ class Entry:
 
 @dataclass(frozen=True)
 class Group:
-    """A block. kinds: kind -> what it is, empty for a block without; kind: the default one."""
+    """A block. kinds: kind -> description, empty for a block without; kind: the default one."""
 
     path: str
     title: str
@@ -68,15 +68,17 @@ class Group:
     groups: tuple[Group, ...] = ()
     kinds: dict[str, str] = field(default_factory=dict)
     kind: str = ""
-    inside: tuple[str, ...] = ()  # kinds of the block around it for which it counts
+    inside: tuple[str, ...] = ()  # kinds of the enclosing block that have it
     mark: str = ""
 
     @property
     def open(self) -> bool:
+        """Whether it is unfolded at first."""
         return self.path in OPEN
 
     @property
     def id(self) -> str:
+        """Its id in the page."""
         return (self.path.replace(".", "-") or "run") + self.mark
 
 
@@ -93,19 +95,19 @@ def scenario_form() -> tuple[Group, ...]:
 
 
 def paths() -> list[str]:
-    """Dotted names of all fields, kinds included: what a grid can run over."""
-    found: dict[str, None] = {}
+    """Dotted names of all fields, kinds included: the possible axes of a grid."""
+    names: dict[str, None] = {}
 
     def visit(group: Group) -> None:
         if group.kinds:
-            found[f"{group.path}.{_TAG}"] = None
-        found.update(dict.fromkeys(entry.path for entry in group.entries))
+            names[f"{group.path}.{_TAG}"] = None
+        names.update(dict.fromkeys(entry.path for entry in group.entries))
         for inner in group.groups:
             visit(inner)
 
     for group in scenario_form():
         visit(group)
-    return list(found)
+    return list(names)
 
 
 def label_of(name: str) -> tuple[str, str]:
@@ -126,16 +128,16 @@ class _Maker:
 
     def _resolved(self, part: Json) -> Json:
         name = part.get("$ref", "").rpartition("/")[2]
-        found: Json = self._definitions[name] if name else part
-        return found
+        schema: Json = self._definitions[name] if name else part
+        return schema
 
     def _kinds(self, part: Json) -> dict[str, Json]:
-        """kind -> its schema, in the order of the union."""
-        found = [self._resolved(option) for option in part.get("oneOf", [])]
-        return {option["properties"][_TAG]["const"]: option for option in found}
+        """Kind -> its schema, in the order of the union."""
+        options = [self._resolved(option) for option in part.get("oneOf", [])]
+        return {option["properties"][_TAG]["const"]: option for option in options}
 
     def group(self, prefix: str, name: str, part: Json, inside: tuple[str, ...] = (), mark: str = "") -> Group:
-        """mark: tells a block from another one of the same path, that of another kind around it."""
+        """A block as a group. mark: sets it apart from one of the same path in another kind of the enclosing block."""
         path = f"{prefix}{name}"
         kinds = self._kinds(part)
         options = kinds or {"": self._resolved(part)}
@@ -146,8 +148,8 @@ class _Maker:
                 if key != _TAG:
                     _add(fields.setdefault(key, []), one, kind)
         entries, groups = [], []
-        for key, found in fields.items():
-            for number, (one, where) in enumerate(found):
+        for key, variants in fields.items():
+            for number, (one, where) in enumerate(variants):
                 shared = () if len(where) == len(options) else tuple(where)
                 own = f"{mark}-{number}" if number else mark
                 if self.is_block(one):
@@ -180,13 +182,13 @@ class _Maker:
         )
 
 
-def _add(found: list[tuple[Json, list[str]]], part: Json, kind: str) -> None:
-    """Fields that two kinds share stand once."""
-    for known, kinds in found:
+def _add(variants: list[tuple[Json, list[str]]], part: Json, kind: str) -> None:
+    """Add a field; one that several kinds share is added once."""
+    for known, kinds in variants:
         if known == part:
             kinds.append(kind)
             return
-    found.append((part, [kind]))
+    variants.append((part, [kind]))
 
 
 def _shape(part: Json) -> str:

@@ -14,7 +14,7 @@ STATES = {
     "succeeded": "succeeded",
     "failed": "failed",
     "cancelled": "cancelled",
-    "timed_out": "out of time",
+    "timed_out": "timed out",
     "done": "done",
 }
 
@@ -25,7 +25,7 @@ def state(name: str | None) -> str:
 
 
 def number(value: Any, digits: int = 3, unit: str = "") -> str:
-    """With so many digits behind the point, two at least that count; a dash for what there is not."""
+    """With so many decimals, and at least two significant digits; a dash for None."""
     if value is None or isinstance(value, bool) or not isinstance(value, int | float):
         return ABSENT
     if abs(value) > 1e300:
@@ -35,7 +35,7 @@ def number(value: Any, digits: int = 3, unit: str = "") -> str:
 
 
 def span(seconds: float | None) -> str:
-    """A time that something takes: 48 s, 3 min 20 s, 2 h 5 min, 3 d 4 h."""
+    """A duration: 48 s, 3 min 20 s, 2 h 5 min, 3 d 4 h."""
     if seconds is None:
         return ABSENT
     if seconds < 60:
@@ -56,8 +56,8 @@ def when(moment: datetime | float | None) -> str:
     return f"{time:%Y-%m-%d %H:%M:%S}"
 
 
-def there(moment: datetime, zone: str) -> str:
-    """The time of day in a time zone."""
+def local_time(moment: datetime, zone: str) -> str:
+    """The time of day in a time zone, as in 06:20."""
     return f"{moment.astimezone(ZoneInfo(zone)):%H:%M}"
 
 
@@ -66,7 +66,7 @@ def sentence(one: dict[str, Any]) -> str:
     first, second, difference = one["first"], one["second"], one["difference_mm"]
     basis = f"{_count(one['clusters'], 'end point')}, {_count(one['pairs'], 'pair')}"
     if difference is None:
-        return f"{first} and {second}: one of them failed on the middle path, so no difference can be given; {basis}."
+        return f"{first} and {second}: no difference, as one of them failed on the median path; {basis}."
     low, high = one["difference_interval_mm"]
     interval = f"95 % interval {_bound(low)} to {_bound(high)} mm"
     proof = f"{_probability(one['p_primary'])}, {basis}"
@@ -75,12 +75,12 @@ def sentence(one: dict[str, Any]) -> str:
     better, worse = (first, second) if difference < 0.0 else (second, first)
     lead = f"{better} has a smaller RMSE than {worse}, by {abs(difference):.4f} mm in the median ({interval}, {proof})"
     if one["p_primary"] is not None and one["p_primary"] < 0.05:
-        return f"{lead}: unlikely to be chance."
+        return f"{lead}: this is unlikely to be chance."
     if one["equivalent"]:
-        return f"{lead}: shown to be equivalent."
+        return f"{lead}: the two are shown to be equivalent."
     if one["clusters"] < FEWEST:
-        return f"{lead}: too few end points to tell it from chance."
-    return f"{lead}: within what chance would give."
+        return f"{lead}: there are too few end points to tell this from chance."
+    return f"{lead}: this is within what chance would give."
 
 
 def _bound(value: float | None) -> str:

@@ -1,4 +1,4 @@
-"""The login of a browser, which can send no Bearer header with event streams and frames: a key becomes a cookie."""
+"""The login of a browser: a key becomes a cookie, since event streams and frames cannot send a Bearer header."""
 
 from __future__ import annotations
 
@@ -13,15 +13,15 @@ from jinja2 import Environment, FileSystemLoader
 from starlette.concurrency import run_in_threadpool
 from starlette.responses import HTMLResponse, RedirectResponse, Response
 
+from service.access import SESSION_COOKIE
 from service.api.context import ServiceOf
-from service.api.middleware.key_guard import COOKIE
 from service.store.keys import SESSION_S
 from service.version import installed_version
 
 router = APIRouter(include_in_schema=False)
 
-_LONGEST_FORM = 10_000
-_WRONG = "This key is not known here, or was revoked."
+_MAXIMUM_FORM_BYTES = 10_000
+_WRONG = "This key is unknown or was revoked."
 
 
 @cache
@@ -32,7 +32,7 @@ def templates() -> Environment:
 
 @router.get("/login")
 async def get_login(service: ServiceOf, goal: Annotated[str, Query(alias="next", max_length=8000)] = "/") -> Response:
-    """The form; straight to the goal where no key is asked for."""
+    """The form; straight to the goal where no key is required."""
     if not await run_in_threadpool(service.keys.wanted):
         return RedirectResponse(inside(goal), status_code=303)
     return _form(goal)
@@ -47,24 +47,24 @@ async def log_in(request: Request, service: ServiceOf) -> Response:
         return _form(form.get("next", "/"), problem=_WRONG)
     answer = RedirectResponse(inside(form.get("next", "/")), status_code=303)
     secure = request.url.scheme == "https"
-    answer.set_cookie(COOKIE, token, max_age=int(SESSION_S), httponly=True, samesite="strict", secure=secure)
+    answer.set_cookie(SESSION_COOKIE, token, max_age=int(SESSION_S), httponly=True, samesite="strict", secure=secure)
     return answer
 
 
 @router.post("/logout")
 async def log_out(request: Request, service: ServiceOf) -> Response:
     """End the session and forget the cookie."""
-    if token := request.cookies.get(COOKIE):
+    if token := request.cookies.get(SESSION_COOKIE):
         await run_in_threadpool(service.keys.log_out, token)
     answer = RedirectResponse("/login", status_code=303)
-    answer.delete_cookie(COOKIE, httponly=True, samesite="strict")
+    answer.delete_cookie(SESSION_COOKIE, httponly=True, samesite="strict")
     return answer
 
 
 def inside(goal: str) -> str:
-    """A path of this service; the start page instead of any address of elsewhere."""
-    leads_away = goal.startswith(("//", "/\\")) or not goal.startswith("/") or not goal.isprintable()
-    return "/" if leads_away or "\\" in goal or not goal.isascii() else goal
+    """A path of this service; the start page instead of the address of another site."""
+    foreign = goal.startswith(("//", "/\\")) or not goal.startswith("/") or not goal.isprintable()
+    return "/" if foreign or "\\" in goal or not goal.isascii() else goal
 
 
 async def _fields(request: Request) -> dict[str, str]:
@@ -72,7 +72,7 @@ async def _fields(request: Request) -> dict[str, str]:
     body = b""
     async for chunk in request.stream():
         body += chunk
-        if len(body) > _LONGEST_FORM:
+        if len(body) > _MAXIMUM_FORM_BYTES:
             return {}
     try:
         given = parse_qs(body.decode("utf-8", "replace"), max_num_fields=20)

@@ -6,18 +6,17 @@ from dataclasses import dataclass
 
 from fastapi import APIRouter, Request, Response
 
-from service.admission.training_request import TrainRequest
+from service.admission.training_request import TrainRequest, settings_by_kind
 from service.api.context import ServiceOf
-from service.api.routes.models import USERS, ModelId
-from service.api.schemas.access import UploadView
+from service.api.parameters import ModelId
 from service.api.schemas.jobs import JobSummary
-from service.api.schemas.models import ModelView
+from service.api.schemas.models import JOBS_SHOWN, ModelView
+from service.api.schemas.uploads import UploadView
 from service.display import flat
-from service.store.job import UnknownJob
-from service.store.models import UnknownModel
+from service.store.job import UnknownJobError
+from service.store.models import UnknownModelError
 from service.web.jobs import AXES
 from service.web.site import missing, page
-from service.worker.training_job import SETTINGS
 
 router = APIRouter(include_in_schema=False)
 
@@ -27,24 +26,24 @@ WIDTH, BAR, GAP, LEFT, RIGHT = 420, 14, 16, 24, 74  # of the drawing of errors, 
 
 @router.get("/models")
 def get_models(request: Request, service: ServiceOf) -> Response:
-    """All models, the data sets there are, and the form of a training."""
+    """All models and data sets, and the form of a training."""
     schema = TrainRequest.model_json_schema()["properties"]
     return page(
         request,
         "models.html",
         models=[ModelView.of(model) for model in service.models.all(limit=ROWS)],
         datasets=[UploadView.of(one) for one in service.uploads.newest(limit=ROWS, kind="dataset")],
-        settings=SETTINGS,
+        settings=settings_by_kind(),
         about={name: field["description"] for name, field in schema.items()},
     )
 
 
 @router.get("/models/{model_id}")
 def get_model(model_id: ModelId, request: Request, service: ServiceOf) -> Response:
-    """One model: what it is, how it was trained, its errors, who steers by it."""
+    """One model: what it is, how it was trained, its errors, the jobs that steer by it."""
     try:
         model = service.models.get(model_id)
-    except UnknownModel:
+    except UnknownModelError:
         return missing(request, f"model {model_id}")
     view = ModelView.of(model)
     data = [one for one in service.uploads.newest(limit=ROWS, kind="dataset") if one.sha256 == view.data_sha256]
@@ -56,16 +55,16 @@ def get_model(model_id: ModelId, request: Request, service: ServiceOf) -> Respon
         origin=list(flat(model.provenance)),
         drawing=errors_drawing(view.train_rmse_mm, view.test_rmse_mm),
         data=UploadView.of(data[0]) if data else None,
-        trained_by=_still_there(service, view.job),
-        users=[JobSummary.of(job) for job in service.models.used_by(model, limit=USERS)],
+        trained_by=_existing(service, view.job),
+        users=[JobSummary.of(job) for job in service.models.used_by(model, limit=JOBS_SHOWN)],
     )
 
 
-def _still_there(service: ServiceOf, job_id: str | None) -> str | None:
+def _existing(service: ServiceOf, job_id: str | None) -> str | None:
     """The job, unless it was deleted."""
     try:
-        return None if job_id is None else service.store.glance(job_id).id
-    except UnknownJob:
+        return None if job_id is None else service.store.get_summary(job_id).id
+    except UnknownJobError:
         return None
 
 
@@ -105,7 +104,7 @@ def errors_drawing(train_mm: list[float] | None, test_mm: list[float] | None) ->
             bars.append(
                 Bar(axis="" if which else axis, side=side, y=y, width=round(length, 1), value_mm=values[number])
             )
-    told = "; ".join(f"{axis} {train_mm[i]:.3f} and {test_mm[i]:.3f}" for i, axis in enumerate(AXES))
-    text = f"Root mean square error of Delta P in mm, on rows learned from and on test rows: {told}"
+    errors = "; ".join(f"{axis} {train_mm[i]:.3f} and {test_mm[i]:.3f}" for i, axis in enumerate(AXES))
+    text = f"Root mean square error of Delta P in mm, on training rows and on test rows: {errors}"
     height = 3 * (2 * BAR + GAP) - GAP + 4
     return Drawing(width=WIDTH, height=height, left=LEFT, thick=BAR - 2, bars=tuple(bars), text=text)

@@ -1,4 +1,4 @@
-"""The pages of repeated work: schedules with their history, and the trend of a suite over commits and dates."""
+"""The pages of schedules with their history, and of the trend of a suite over commits and dates."""
 
 from __future__ import annotations
 
@@ -7,8 +7,10 @@ from zoneinfo import available_timezones
 from fastapi import APIRouter, Request, Response
 
 from service.api.context import ServiceOf
-from service.api.routes.campaigns import SuiteName, get_trend
-from service.api.schemas.campaigns import ScheduleRunView, ScheduleView
+from service.api.parameters import SuiteName
+from service.api.schemas.campaigns import Trend
+from service.api.schemas.schedules import ScheduleRunView, ScheduleView
+from service.campaigns.trends import trend
 from service.web.campaigns import request_form
 from service.web.site import missing, page
 
@@ -20,13 +22,12 @@ RUNS = 10
 @router.get("/schedules")
 def get_schedules(request: Request, service: ServiceOf) -> Response:
     """All schedules with their last runs, and the form of a new one."""
-    found = service.schedules.all()
     return page(
         request,
         "schedules.html",
         schedules=[
             (ScheduleView.of(one), [ScheduleRunView.of(run) for run in service.schedules.runs(one.id, limit=RUNS)])
-            for one in found
+            for one in service.schedules.all()
         ],
         trended=set(service.campaigns.suites()),
         zones=sorted(available_timezones()),
@@ -37,14 +38,15 @@ def get_schedules(request: Request, service: ServiceOf) -> Response:
 @router.get("/trends")
 def get_trends(request: Request, service: ServiceOf) -> Response:
     """Every suite that has a history, with its last point."""
-    return page(request, "trends.html", trends=[get_trend(suite, service) for suite in service.campaigns.suites()])
+    suites = service.campaigns.suites()
+    return page(request, "trends.html", trends=[Trend.of(trend(service.campaigns, suite)) for suite in suites])
 
 
 @router.get("/trends/{suite:path}")
-def get_trend_page(suite: SuiteName, request: Request, service: ServiceOf) -> Response:
+def get_trend(suite: SuiteName, request: Request, service: ServiceOf) -> Response:
     """One suite over commits and dates."""
-    trend = get_trend(suite, service)
-    if not trend.points:
-        return missing(request, f"history of a suite {suite}")
-    points = [point.model_dump(mode="json") for point in trend.points]
-    return page(request, "trend.html", suite=suite, points=trend.points, losses=trend.losses, data=points)
+    view = Trend.of(trend(service.campaigns, suite))
+    if not view.points:
+        return missing(request, f"history of the suite {suite}")
+    points = [point.model_dump(mode="json") for point in view.points]
+    return page(request, "trend.html", suite=suite, points=view.points, losses=view.losses, data=points)

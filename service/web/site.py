@@ -1,4 +1,4 @@
-"""How a page is made: its template, its policy, and the page that says what went wrong."""
+"""How a page is rendered: templates, security policy, and the pages of errors."""
 
 from __future__ import annotations
 
@@ -10,13 +10,12 @@ from fastapi import Request
 from jinja2 import Environment, FileSystemLoader, StrictUndefined
 from starlette.responses import HTMLResponse
 
-from service.cli.result_table import shown, size_text
+from service.access import SESSION_COOKIE
+from service.display import shown, size_text
 from service.version import installed_version
-from service.web import assets
-from service.web import formatting as words
+from service.web import assets, formatting
 
 TEMPLATES = Path(__file__).with_name("templates")
-SESSION = "needlebench_session"  # cookie of a browser that has logged in
 POLICY = (
     "default-src 'none'; script-src 'self'; style-src 'self'; img-src 'self'; connect-src 'self'; "
     "frame-src 'self'; form-action 'self'; base-uri 'none'; frame-ancestors 'none'"
@@ -31,32 +30,32 @@ HEADERS = {
 
 @cache
 def environment() -> Environment:
-    """The templates; values are escaped, a name that is not given is an error."""
-    made = Environment(
+    """The templates; values are escaped, and an undefined name is an error."""
+    templates = Environment(
         loader=FileSystemLoader(TEMPLATES),
         autoescape=True,
         undefined=StrictUndefined,
         trim_blocks=True,
         lstrip_blocks=True,
     )
-    made.filters.update(
-        state=words.state,
-        num=words.number,
-        span=words.span,
-        when=words.when,
-        there=words.there,
+    templates.filters.update(
+        state=formatting.state,
+        num=formatting.number,
+        span=formatting.span,
+        when=formatting.when,
+        local_time=formatting.local_time,
         shown=shown,
         size=size_text,
-        sentence=words.sentence,
+        sentence=formatting.sentence,
     )
-    made.globals.update(asset=assets.url, version=installed_version(), ABSENT=words.ABSENT)
-    return made
+    templates.globals.update(asset=assets.url, version=installed_version(), ABSENT=formatting.ABSENT)
+    return templates
 
 
 def page(request: Request, template: str, *, status: int = 200, **values: Any) -> HTMLResponse:
     """A page of this service."""
     html = environment().get_template(template)
-    logged_in = SESSION in request.cookies
+    logged_in = SESSION_COOKIE in request.cookies
     text = html.render(path=request.url.path, logged_in=logged_in, **values)
     return HTMLResponse(text, status_code=status, headers=HEADERS)
 
@@ -67,5 +66,5 @@ def problem(request: Request, status: int, title: str, detail: str) -> HTMLRespo
 
 
 def missing(request: Request, what: str) -> HTMLResponse:
-    """The page of a thing that there is not."""
+    """The page of something that does not exist."""
     return page(request, "missing.html", status=404, what=what)

@@ -8,7 +8,6 @@ from __future__ import annotations
 import hashlib
 import importlib
 import logging
-import math
 import os
 import signal
 import sys
@@ -21,66 +20,68 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from service.files.disk import REFUSALS
+from service.files.strict_json import without_nan
 from service.logs import LOG, ROOT, job_log
 from service.worker.progress import ProgressFile
+from service.worker.specs import AttemptReport, InsertionSpec
 from service.worker.training_job import MODEL
 
 if TYPE_CHECKING:
     from simcore.rollout.records import Observer, Scene, StepRecord
-    from simcore.rollout.rollout import Rollout
+    from simcore.rollout.result import Rollout
     from simcore.scenario.scenario import Scenario
 
 KINDS = {"result.json": "result", "series.npz": "series", "recording.rrd": "recording", LOG: "log"}
 _log = logging.getLogger(ROOT)
 
 
-class Stopped(BaseException):
-    """The worker was told to stop; not an Exception, so that nothing between here and the kernel swallows it."""
+class WorkerStop(BaseException):
+    """The worker was asked to stop; not an Exception, so that nothing between here and the kernel swallows it."""
 
 
 @dataclass(frozen=True)
-class Together:
+class ObserverGroup:
     """Several observers of one run."""
 
     observers: tuple[Observer, ...]
 
     def begin(self, scene: Scene, first: StepRecord) -> None:
+        """Hand it to each."""
         for observer in self.observers:
             observer.begin(scene, first)
 
     def step(self, record: StepRecord) -> None:
+        """Hand it to each."""
         for observer in self.observers:
             observer.step(record)
 
     def end(self, rollout: Rollout) -> None:
+        """Hand it to each."""
         for observer in self.observers:
             observer.end(rollout)
 
 
 def run_job(spec: dict[str, Any], artefact_dir: Path) -> dict[str, Any]:
-    """Run `spec["scenario"]`; write result.json, series.npz and, if wanted, recording.rrd into the folder.
+    """Run an insertion; write result.json, series.npz and, if wanted, recording.rrd into the folder.
 
-    spec: {"scenario": resolved scenario JSON, "job_id": str, "uploads": folder of the files that the scenario may name
-    by id}. Returns the JSON of result.json. A run that did not succeed or converge is a result like any other.
+    spec: of an InsertionSpec. Returns the JSON of result.json. A run that did not succeed or converge is a result like
+    any other.
     """
-    from service.files.upload_names import UploadLookup
-    from simcore.file_names import names_mean
     from simcore.rollout import artefacts, rollout
     from simcore.scenario.scenario import Scenario
 
+    job = InsertionSpec.from_json(spec)
     with ExitStack() as stack:
-        stack.enter_context(names_mean(UploadLookup(Path(spec["uploads"]))))
-        scenario = Scenario.load(spec["scenario"])
-        _log.info(
-            "job %s: scenario %r, %d steps, seed %d", *(spec["job_id"], scenario.name, scenario.steps, scenario.seed)
-        )
+        stack.enter_context(job.file_names())
+        scenario = Scenario.load(job.scenario)
+        _log.info("job %s: scenario %r, %d steps, seed %d", job.job_id, scenario.name, scenario.steps, scenario.seed)
         for warning in scenario.warnings():
             _log.warning("%s", warning)
         observers: list[Observer] = [ProgressFile(artefact_dir)]
         if scenario.recording.enabled:
-            recorder = _recorder(scenario, spec["job_id"], artefact_dir / "recording.rrd")
+            recorder = _recorder(scenario, job.job_id, artefact_dir / "recording.rrd")
             observers.append(stack.enter_context(recorder))
-        done = rollout.run(scenario, Together(tuple(observers)))
+        done = rollout.run(scenario, ObserverGroup(tuple(observers)))
     artefacts.write(done, artefact_dir)
     _log.info("%s %s success=%s digest=%s", done.status, done.message, done.success, done.digest)
     return done.result()
@@ -88,7 +89,7 @@ def run_job(spec: dict[str, Any], artefact_dir: Path) -> dict[str, Any]:
 
 @contextmanager
 def _recorder(scenario: Scenario, job_id: str, path: Path) -> Iterator[Observer]:
-    """A recorder of the job; a recording that went wrong is told in the log and changes nothing else."""
+    """A recorder of the job; a recording that went wrong is logged and changes nothing else."""
     from service.recording.observer import RerunObserver
     from simcore.provenance import provenance
 
@@ -100,39 +101,46 @@ def _recorder(scenario: Scenario, job_id: str, path: Path) -> Iterator[Observer]
         _log.warning("job %s: %s", job_id, recorder.warning)
 
 
-def execute(runner: str, spec: dict[str, Any], folder: str) -> dict[str, Any]:
-    """Do a job with `runner` (module:function) in an empty folder; what it returned or why not, and what it cost.
+def execute(runner: str, spec: dict[str, Any], folder: str) -> AttemptReport:
+    """Do a job with `runner` (module:function) in an empty folder; what it left, or why not, and what it cost.
 
     Nothing is raised: an exception that reaches the engine means that the process is gone.
     """
     target = Path(folder)
     started_s = time.process_time()
-    result, error = None, None
+    result: Any = None
+    failure: tuple[str | None, str | None] = (None, None)
     with stoppable():
         try:
             target.mkdir(parents=True, exist_ok=True)
             with job_log(target / LOG):
-                result, error = _attempted(runner, spec, target)
-        except OSError as failure:  # not even the folder or its log
-            error = {"kind": "disk", "message": _told(spec, failure)}
+                result, failure = _run(runner, spec, target)
+        except OSError as error:  # not even the folder or its log
+            failure = ("disk", _describe_failure(spec, error))
         files = describe(target)
-    cpu_s = time.process_time() - started_s
-    return {"result": result, "error": error, "artefacts": files, "cpu_s": cpu_s, "max_rss_mb": peak_rss_mb()}
+    return AttemptReport(
+        result=result,
+        error_kind=failure[0],
+        error=failure[1],
+        artefacts=tuple(files),
+        cpu_s=time.process_time() - started_s,
+        max_rss_mb=peak_rss_mb(),
+    )
 
 
-def _attempted(runner: str, spec: dict[str, Any], target: Path) -> tuple[Any, dict[str, str] | None]:
-    """The result, or the error in its place."""
+def _run(runner: str, spec: dict[str, Any], target: Path) -> tuple[Any, tuple[str | None, str | None]]:
+    """The result, or kind and message of the error in its place."""
     try:
-        return clean(resolve(runner)(spec, target)), None
-    except MemoryError as failure:
-        return None, {"kind": "out_of_memory", "message": _told(spec, failure)}
-    except OSError as failure:
-        return None, {"kind": "disk" if failure.errno in REFUSALS else "exception", "message": _told(spec, failure)}
-    except Exception as failure:
-        return None, {"kind": "exception", "message": _told(spec, failure)}
+        return without_nan(resolve(runner)(spec, target)), (None, None)
+    except MemoryError as error:
+        return None, ("out_of_memory", _describe_failure(spec, error))
+    except OSError as error:
+        return None, ("disk" if error.errno in REFUSALS else "exception", _describe_failure(spec, error))
+    except Exception as error:
+        return None, ("exception", _describe_failure(spec, error))
 
 
-def _told(spec: dict[str, Any], failure: Exception) -> str:
+def _describe_failure(spec: dict[str, Any], failure: Exception) -> str:
     """The exception and the place in our code where it was raised; the whole trace goes to the log."""
     _log.error("job %s failed", spec.get("job_id"), exc_info=failure)
     last = traceback.extract_tb(failure.__traceback__)[-1]
@@ -147,41 +155,30 @@ def resolve(name: str) -> Any:
 
 @contextmanager
 def stoppable() -> Iterator[None]:
-    """A SIGTERM raises Stopped between two steps, so that a recording is closed; then the process ends."""
+    """A SIGTERM raises WorkerStop between two steps, so that a recording is closed; then the process ends."""
 
     def stop(_signal: int, _frame: Any) -> None:
-        raise Stopped
+        raise WorkerStop
 
     before = signal.signal(signal.SIGTERM, stop)
     try:
         yield
-    except Stopped:
+    except WorkerStop:
         os._exit(128 + signal.SIGTERM)
     finally:
         signal.signal(signal.SIGTERM, before)
 
 
-def clean(value: Any) -> Any:
-    """JSON data without NaN and infinities, which JSON does not have: they become null."""
-    if isinstance(value, float):
-        return value if math.isfinite(value) else None
-    if isinstance(value, dict):
-        return {key: clean(item) for key, item in value.items()}
-    if isinstance(value, list | tuple):
-        return [clean(item) for item in value]
-    return value
-
-
 def describe(folder: Path) -> list[dict[str, Any]]:
     """Kind, name, SHA-256 and size of each file that a finished attempt left; temporary names are passed over."""
-    found = []
+    files = []
     for name, kind in {**KINDS, MODEL: "model"}.items():
         path = folder / name
         if path.is_file():
             with path.open("rb") as file:
                 digest = hashlib.file_digest(file, "sha256").hexdigest()
-            found.append({"kind": kind, "name": name, "sha256": digest, "bytes": path.stat().st_size})
-    return found
+            files.append({"kind": kind, "name": name, "sha256": digest, "bytes": path.stat().st_size})
+    return files
 
 
 def peak_rss_mb() -> float | None:

@@ -16,27 +16,30 @@ REGULARISATION = 1e-5
 BATCH = 256
 
 
-class NeedsBaselines(NeedlebenchError):
+class MissingScikitLearnError(NeedlebenchError):
     """scikit-learn is not installed."""
 
 
-def train_network(X: Vector, Y: Vector, hidden: tuple[int, ...], seed: int) -> list[tuple[Vector, Vector]]:
-    """Weights (from, to) and biases (to,) of each layer, by Adam on the squared error of standardised data."""
+def train_network(features: Vector, outputs: Vector, hidden: tuple[int, ...], seed: int) -> list[tuple[Vector, Vector]]:
+    """Weights (from, to) and biases (to,) of each layer, by Adam on the squared error of standardised data.
+
+    features: (rows, from); outputs: (rows, to). Raises MissingScikitLearnError.
+    """
     try:
         from sklearn.exceptions import ConvergenceWarning
         from sklearn.neural_network import MLPRegressor
     except ModuleNotFoundError:
         message = "training the mlp needs scikit-learn: pip install 'needlebench[baselines]'"
-        raise NeedsBaselines(message) from None
+        raise MissingScikitLearnError(message) from None
     network = MLPRegressor(
         hidden_layer_sizes=hidden,
         activation="tanh",
         alpha=REGULARISATION,
-        batch_size=min(BATCH, len(X)),
+        batch_size=min(BATCH, len(features)),
         max_iter=MAXIMUM_EPOCHS,
         random_state=seed,
     )
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", ConvergenceWarning)  # the epochs are bounded on purpose; the test error tells
-        network.fit(X, Y)
+        network.fit(features, outputs)
     return [(np.array(w), np.array(b)) for w, b in zip(network.coefs_, network.intercepts_, strict=True)]

@@ -1,8 +1,8 @@
-"""One worker process at a time, warm, replaceable: what the engine's slots are made of.
+"""One worker process at a time, warm and replaceable: what engine slots and crews are made of.
 
-Each slot has a pool of its own with a single worker. In a shared pool the workers hold a common lock while they
-fetch and answer: one that is killed in that moment takes the others with it, and the death of an idle worker breaks
-the pool. Here a death costs one slot its worker, at any moment.
+Each worker has a pool of its own. In a shared pool the workers hold a common lock while they fetch and answer: one that
+is killed in that moment takes the others with it, and the death of an idle worker breaks the pool. Here a death costs
+its owner one worker, at any moment.
 """
 
 from __future__ import annotations
@@ -13,76 +13,132 @@ import os
 import signal
 import sys
 import threading
-from concurrent.futures import Future
+from concurrent.futures import Future, wait
 from concurrent.futures.process import BrokenProcessPool
-from multiprocessing.connection import wait
+from multiprocessing.connection import wait as wait_for_end
 from pathlib import Path
 from typing import Any
 
 import pebble
 
 from service.blas_threads import one_thread
-from service.files.lock import held
-from service.worker import attempt as worker
+from service.files.lock import file_lock
+from service.worker.attempt import execute, resolve
+from service.worker.pebble_overrides import single_worker_pool
+from service.worker.specs import AttemptReport, InsertionSpec, TrainingSpec
 from simcore.errors import NeedlebenchError
 
-
-class Lost(NeedlebenchError):
-    """The worker process died before it answered."""
-
-
-TERM_TIMEOUT_S = 0.2  # between SIGTERM and SIGKILL
-pebble.CONSTS.term_timeout = TERM_TIMEOUT_S
 _PR_SET_PDEATHSIG = 1
 
 
-class Worker:
-    """A worker process that does one call at a time; started at once, warm after `warm()` has answered."""
+class WorkerDiedError(NeedlebenchError):
+    """The worker process died before it answered."""
 
-    def __init__(self) -> None:
+
+class WorkerProcess:
+    """A worker process that does one attempt at a time: start, wait until it is ready, send, wait, collect, kill.
+
+    runner: `module:function` of the attempts to come; `warm_up` of its module makes the worker ready. warm_lock: one
+    worker at a time compiles, the next finds it done. pid: of a warm worker. starts: how often it was started.
+
+    The thread that starts a worker must outlive it: Linux tells a child of the death of its parent's thread.
+    """
+
+    def __init__(self, runner: str, warm_lock: Path) -> None:
+        self._runner, self._warm_lock = runner, warm_lock
+        self._pool: pebble.ProcessPool | None = None
+        self._pending: Future[Any] | None = None
+        self.pid: int | None = None
+        self.starts = 0
+
+    def start(self) -> None:
+        """A new process, in place of the one before, which begins to warm up."""
+        self.kill()
         one_thread()  # inherited by the worker, before it imports numpy
-        self._pool = pebble.ProcessPool(
-            max_workers=1,
-            initializer=_prepare,
-            initargs=(os.getpid(),),
-            context=multiprocessing.get_context("spawn"),
-        )
-
-    def call(self, function: Any, *args: Any) -> Future[Any]:
-        """Run `function(*args)` in the worker. Raises Lost when there is no worker any more."""
-        try:
-            future: Future[Any] = self._pool.schedule(function, args=args)
-        except RuntimeError as error:
-            raise Lost(f"the worker process is gone: {error}") from None
-        return future
+        self._pool = single_worker_pool(_prepare, os.getpid())
+        self.starts += 1
+        self._pending = self.call(_warm, self._runner, str(self._warm_lock))
 
     @property
     def alive(self) -> bool:
         """Whether calls still get an answer; a worker that dies idle takes its pool along."""
-        return bool(self._pool.active)
+        return self._pool is not None and bool(self._pool.active)
 
-    def stop(self) -> None:
-        """End the process: SIGTERM, and SIGKILL after 0.2 s. On return it is gone."""
-        self._pool.stop()  # type: ignore[no-untyped-call]
-        self._pool.join()
+    @property
+    def pending(self) -> Future[Any] | None:
+        """What it is at: warming up, or an attempt; None once that was collected."""
+        return self._pending
+
+    def ready(self, timeout_s: float = 0.0) -> bool:
+        """Whether it can be sent an attempt, after waiting for its warm-up. Raises WorkerDiedError."""
+        if self.pid is None:
+            if self._pending is None or not self.wait(timeout_s):
+                return False
+            self.pid = self._take_answer()
+        if not self.alive:
+            raise WorkerDiedError("the worker process died while it had nothing to do")
+        return True
+
+    def call(self, function: Any, *args: Any) -> Future[Any]:
+        """Run `function(*args)` there, apart from attempts. Raises WorkerDiedError when there is no worker any more."""
+        try:
+            if self._pool is None:
+                raise RuntimeError("it was not started, or killed")
+            future: Future[Any] = self._pool.schedule(function, args=args)
+        except RuntimeError as error:
+            raise WorkerDiedError(f"the worker process is gone: {error}") from None
+        return future
+
+    def send(self, runner: str, spec: InsertionSpec | TrainingSpec, folder: Path) -> None:
+        """Begin an attempt: `runner` in `folder`. Raises WorkerDiedError."""
+        self._pending = self.call(execute, runner, spec.to_json(), str(folder))
+
+    def wait(self, timeout_s: float) -> bool:
+        """Whether what it is at has ended, after waiting at most so long. Raises WorkerDiedError when it never will."""
+        assert self._pending is not None, "nothing was sent"
+        if wait([self._pending], timeout=timeout_s).done:
+            return True
+        if not self.alive:
+            raise WorkerDiedError("its worker process died")
+        return False
+
+    def collect(self) -> AttemptReport:
+        """What an attempt that has ended left. Raises WorkerDiedError, with the signal or exit code."""
+        report: AttemptReport = self._take_answer()
+        return report
+
+    def kill(self) -> None:
+        """End the process, and what it is at: SIGTERM, and SIGKILL after 0.2 s. On return it is gone."""
+        pool, self._pool, self._pending, self.pid = self._pool, None, None, None
+        if pool is not None:
+            pool.stop()  # type: ignore[no-untyped-call]
+            pool.join()
+
+    def _take_answer(self) -> Any:
+        assert self._pending is not None, "nothing was sent"
+        pending, self._pending = self._pending, None
+        return answer(pending)
 
 
 def answer(future: Future[Any]) -> Any:
-    """What a finished call returned. Raises Lost, with the signal or exit code, when the process died instead."""
+    """What a finished call returned. Raises WorkerDiedError, with the signal or exit code, if its process died."""
     try:
         return future.result(timeout=0)
     except pebble.ProcessExpired as death:
         code = death.exitcode
         end = f"signal {-code}" if code < 0 else f"exit code {code}"
-        raise Lost(f"its worker process died ({end})") from None
+        raise WorkerDiedError(f"its worker process died ({end})") from None
     except BrokenProcessPool:
-        raise Lost("its worker process died") from None
+        raise WorkerDiedError("its worker process died") from None
 
 
-def warm(runner: str, lock: str) -> int:
-    """In the worker: make ready for `runner`; the process id. One worker at a time compiles, the next finds it done."""
-    with held(Path(lock), wait=True):
-        worker.resolve(f"{runner.partition(':')[0]}:warm_up")()
+# -- in the worker
+
+
+def _warm(runner: str, lock: str) -> int:
+    """Make ready for `runner`; the process id."""
+    with file_lock(Path(lock), wait=True):
+        resolve(f"{runner.partition(':')[0]}:warm_up")()
     return os.getpid()
 
 
@@ -98,5 +154,5 @@ def _prepare(parent: int) -> None:
 def _die_with_parent() -> None:
     parent = multiprocessing.parent_process()
     if parent is not None:
-        wait([parent.sentinel])
+        wait_for_end([parent.sentinel])
         os._exit(1)

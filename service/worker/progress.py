@@ -1,4 +1,4 @@
-"""How a running job tells where it is: a small file that is replaced at most twice a second.
+"""How a running job reports its progress: a small file that is replaced at most twice a second.
 
 A file and not a pipe: a worker that is killed at any moment leaves the last whole one, and blocks nobody.
 """
@@ -6,19 +6,19 @@ A file and not a pipe: a worker that is killed at any moment leaves the last who
 from __future__ import annotations
 
 import json
-import os
 import time
 from collections.abc import Callable
-from contextlib import suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
+
+from service.files.replace_text import replace_text
 
 if TYPE_CHECKING:
     import numpy as np
     from numpy.typing import NDArray
 
     from simcore.rollout.records import Scene, StepRecord
-    from simcore.rollout.rollout import Rollout
+    from simcore.rollout.result import Rollout
 
 NAME = "progress.json"
 INTERVAL_S = 0.5
@@ -32,39 +32,41 @@ class ProgressFile:
         self._clock = clock
         self._steps = 0
         self._latest: StepRecord | None = None
-        self._told_step = -1
-        self._for_m: NDArray[np.float64] | None = None  # (3,) world, the target that the latest step was commanded for
-        self._aim_m: NDArray[np.float64] | None = None  # (3,) world, that of the step to come
+        self._written_step = -1
+        self._current_target_m: NDArray[np.float64] | None = None  # (3,) world, of the latest step
+        self._next_target_m: NDArray[np.float64] | None = None  # (3,) world, of the step to come
         self._line_m: NDArray[np.float64] | None = None  # (p, 3) world; where the tissue carries the path, None
         self._started = self._written = clock()
 
     def begin(self, scene: Scene, first: StepRecord) -> None:
+        """Write the first progress."""
         self._steps = scene.steps
         self._line_m = scene.path_m if scene.scenario.trajectory.frame == "world" else None
         self._started = self._clock()
-        self._aim_m = first.target_m.copy()
+        self._next_target_m = first.target_m.copy()
         self._take(first)
         self._write(first)
 
     def step(self, record: StepRecord) -> None:
+        """Write it when half a second has passed, and at the last step."""
         self._take(record)
         if self._clock() - self._written >= INTERVAL_S or record.step == self._steps:
             self._write(record)
 
     def end(self, rollout: Rollout) -> None:
         """The last step that there was, where it stopped early."""
-        if self._latest is not None and self._latest.step != self._told_step:
+        if self._latest is not None and self._latest.step != self._written_step:
             self._write(self._latest)
 
     def _take(self, record: StepRecord) -> None:
-        self._latest, self._for_m = record, self._aim_m
-        self._aim_m = record.target_m.copy()
+        self._latest, self._current_target_m = record, self._next_target_m
+        self._next_target_m = record.target_m.copy()
 
     def _write(self, record: StepRecord) -> None:
         import numpy as np
 
-        assert self._for_m is not None
-        self._written, self._told_step = self._clock(), record.step
+        assert self._current_target_m is not None
+        self._written, self._written_step = self._clock(), record.step
         left = self._steps - record.step
         pace = (self._written - self._started) / record.step if record.step else None
         progress = {
@@ -72,7 +74,7 @@ class ProgressFile:
             "step": record.step,
             "steps": self._steps,
             "depth_mm": round(float(record.depth_m) * 1e3, 3),
-            "tip_error_mm": round(float(np.linalg.norm(record.tip_m - self._for_m)) * 1e3, 6),
+            "tip_error_mm": round(float(np.linalg.norm(record.tip_m - self._current_target_m)) * 1e3, 6),
             "cross_track_mm": self._cross_track_mm(record),
             "insertion_force_n": round(float(record.insertion_force_n), 4),
             "eta_s": None if pace is None else round(pace * left, 1),
@@ -83,14 +85,6 @@ class ProgressFile:
         from simcore.trajectory import polyline_distance_m
 
         return None if self._line_m is None else round(polyline_distance_m(record.tip_m, self._line_m) * 1e3, 6)
-
-
-def replace_text(path: Path, text: str) -> None:
-    """Replace a file as a whole; a reader sees the old text or the new one."""
-    draft = path.with_name(f"{path.name}.tmp")
-    draft.write_text(text, encoding="utf-8")
-    with suppress(PermissionError):  # Windows: the reader has it open just now; the next one will do
-        os.replace(draft, path)
 
 
 def read(folder: Path) -> dict[str, Any] | None:

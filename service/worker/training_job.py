@@ -9,8 +9,10 @@ import time
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from service.files.replace_text import replace_text
 from service.logs import ROOT
-from service.worker.progress import NAME, replace_text
+from service.worker.progress import NAME
+from service.worker.specs import TrainingSpec
 
 if TYPE_CHECKING:
     from simcore.learning import Regressor
@@ -28,48 +30,49 @@ _log = logging.getLogger(ROOT)
 
 
 def train_job(spec: dict[str, Any], artefact_dir: Path) -> dict[str, Any]:
-    """Train `spec["training"]`; write model.json and result.json into the folder. Returns the JSON of result.json.
+    """Train a model; write model.json and result.json into the folder. Returns the JSON of result.json.
 
-    spec: {"training": resolved request, "job_id": str, "uploads": folder of the data set}. The same request gives the
-    same model, to the last bit: an attempt after a death makes what the one before would have made.
+    spec: of a TrainingSpec. The same request gives the same model, to the last bit: an attempt after a death makes what
+    the one before would have made.
     Raises DatasetError, DataError.
     """
     from threadpoolctl import threadpool_limits
 
-    from benchmarks.learning.training import trained
+    from benchmarks.learning.training import train_model
     from service.files.upload_names import UploadLookup
     from simcore.rollout.artefacts import replace_atomically
     from simcore.rollout.dataset import load_dataset
 
-    training = spec["training"]
-    source = UploadLookup(Path(spec["uploads"]))(training["data"])
-    _log.info("job %s: %s from %s", spec["job_id"], training["kind"], training["data"])
-    _tell(artefact_dir, 0)
+    job = TrainingSpec.from_json(spec)
+    training = job.training
+    source = UploadLookup(job.files)(training["data"])
+    _log.info("job %s: %s from %s", job.job_id, training["kind"], training["data"])
+    _report_progress(artefact_dir, 0)
     with source.open("rb") as file:
         sha256 = hashlib.file_digest(file, "sha256").hexdigest()
     data = load_dataset(source)
-    _tell(artefact_dir, 1)
+    _report_progress(artefact_dir, 1)
     begun = time.perf_counter()
     with threadpool_limits(1):
-        done = trained(
+        done = train_model(
             data,
-            untrained(training["kind"], training["settings"]),
+            new_regressor(training["kind"], training["settings"]),
             split=training["split"],
             samples=training["samples"],
             data_sha256=sha256,
         )
     fit_s = time.perf_counter() - begun
-    _tell(artefact_dir, 2)
+    _report_progress(artefact_dir, 2)
     text = done.model.text().encode()
     replace_atomically(artefact_dir / MODEL, lambda file: file.write(text))
     result = _result(artefact_dir / MODEL, text, fit_s)
     written = (json.dumps(result, indent=2, allow_nan=False) + "\n").encode()
     replace_atomically(artefact_dir / "result.json", lambda file: file.write(written))
-    _tell(artefact_dir, 3)
+    _report_progress(artefact_dir, 3)
     return result
 
 
-def untrained(kind: str, settings: dict[str, Any]) -> Regressor:
+def new_regressor(kind: str, settings: dict[str, Any]) -> Regressor:
     """A regressor that can be fitted. Raises DataError for settings out of their range."""
     from service.worker.network_trainer import train_network
     from simcore.learning.trained import REGRESSORS
@@ -78,7 +81,7 @@ def untrained(kind: str, settings: dict[str, Any]) -> Regressor:
 
 
 def _result(model: Path, text: bytes, fit_s: float) -> dict[str, Any]:
-    """As that of an insertion as far as there is the same to say. Raises NotLearned for a model too long to be read."""
+    """In the shape of an insertion's result. Raises NotLearnedError for a model too long to be read."""
     from service.files.model_content import model_content
     from simcore.provenance import provenance
 
@@ -101,7 +104,7 @@ def _result(model: Path, text: bytes, fit_s: float) -> dict[str, Any]:
     }
 
 
-def _tell(folder: Path, step: int) -> None:
+def _report_progress(folder: Path, step: int) -> None:
     fraction = round(step / len(STAGES), 4)
     replace_text(folder / NAME, json.dumps({"fraction": fraction, "step": step, "steps": len(STAGES)}))
     if step < len(STAGES):

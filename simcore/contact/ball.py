@@ -8,38 +8,50 @@ k(r) = (1 - r^2 / rho^2)^2, cut at the surface of the block; the same weights ca
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from simcore.arrays import Floats, Ints
 from simcore.compiled import kernel, resolved_by_type
 from simcore.mesh.mesh import Mesh, locate
 from simcore.mesh.tet_search import TetSearch, locate_in_tets, nearest_triangle, tet_around
 
-Vector = NDArray[np.float64]
-Indices = NDArray[np.int64]
-
 GRID = 4  # quadrature cells along a radius
+
+
+class BallRule(NamedTuple):
+    """What kernels know of a ball's quadrature: offsets (q, 3) m of its cells, kernel weights (q,), edge of a
+    cell in m, 0 for a bare point, and the geometry of the mesh: BoxGeometry or TetSearch."""
+
+    offsets_m: Floats
+    strength: Floats
+    cell_m: float
+    geometry: Any
+
+
+class Balls(NamedTuple):
+    """The balls of a channel's elements: rest points (P, 3) m, and of each the nodes (P, K) that it touches with their
+    weights (P, K), of which the first `touched` (P,) count."""
+
+    rest_m: Floats
+    nodes: Ints
+    weights: Floats
+    touched: Ints
 
 
 @dataclass(frozen=True)
 class Ball:
-    """The quadrature of a ball: offsets (q, 3) m, kernel weights (q,), cell edge m; a bare point for radius 0.
+    """A ball in the mesh that it was made for; capacity: the largest number of nodes that its weights can touch."""
 
-    capacity: the largest number of nodes that its weights can touch in the mesh it was made for.
-    """
-
-    offsets_m: Vector
-    kernel: Vector
-    cell_m: float
+    rule: BallRule
     capacity: int
 
     @classmethod
     def of_radius(cls, radius_m: float, mesh: Mesh) -> Ball:
         """Midpoint rule on a grid that is symmetric under reflections; spread_mm = 0 gives the bare point."""
         if radius_m == 0.0:
-            return cls(np.zeros((1, 3)), np.ones(1), 0.0, 4)
+            return cls(BallRule(np.zeros((1, 3)), np.ones(1), 0.0, mesh.geometry), 4)
         cell = radius_m / GRID
         axis = (np.arange(2 * GRID) - GRID + 0.5) * cell
         x, y, z = (a.ravel() for a in np.meshgrid(axis, axis, axis, indexing="ij"))
@@ -47,11 +59,11 @@ class Ball:
         inside = square < 1.0
         offsets = np.column_stack([x, y, z])[inside]
         capacity = min(mesh.nodes_touched(radius_m), len(mesh.nodes_m))
-        return cls(offsets, (1.0 - square[inside]) ** 2, cell, capacity)
+        return cls(BallRule(offsets, (1.0 - square[inside]) ** 2, cell, mesh.geometry), capacity)
 
 
 @kernel
-def inside_fraction(point: Vector, size_m: Vector, cell: float) -> float:
+def inside_fraction(point: Floats, size_m: Floats, cell: float) -> float:
     """Share of a quadrature cell that lies in the box, so that weights move continuously past the surface."""
     share = 1.0
     for a in range(3):
@@ -62,20 +74,13 @@ def inside_fraction(point: Vector, size_m: Vector, cell: float) -> float:
 
 @kernel
 def ball_weights(
-    centre: Vector,
-    offsets: Vector,
-    kernel_weights: Vector,
-    cell: float,
-    size_m: Vector,
-    cells: Indices,
-    slot: Indices,
-    nodes: Indices,
-    weights: Vector,
+    centre: Floats, rule: BallRule, size_m: Floats, cells: Ints, slot: Ints, nodes: Ints, weights: Floats
 ) -> int:
     """Weights of the ball at `centre` (3,) m, rest space; returns their number k and writes nodes[:k], weights[:k].
 
     slot: (n,) scratch, all -1 on entry and on return.
     """
+    offsets, kernel_weights, cell, _ = rule
     corner = np.empty(4, np.int64)
     shape = np.empty(4)
     point = np.empty(3)
@@ -105,17 +110,11 @@ def ball_weights(
 
 @kernel
 def ball_weights_in_tets(
-    centre: Vector,
-    offsets: Vector,
-    kernel_weights: Vector,
-    cell: float,
-    search: TetSearch,
-    slot: Indices,
-    nodes: Indices,
-    weights: Vector,
+    centre: Floats, rule: BallRule, search: TetSearch, slot: Ints, nodes: Ints, weights: Floats
 ) -> int:
     """`ball_weights` in a mesh of any shape. A quadrature cell counts with the share 1/2 + d / cell, between 0 and 1,
     where d is its depth below the surface: as in the box, away from its edges."""
+    offsets, kernel_weights, cell, _ = rule
     corner, shape, point = np.empty(4, np.int64), np.empty(4), np.empty(3)
     _, centre_depth = nearest_triangle(search, centre, shape[:3])
     tet, count, total = tet_around(search, centre, -1, shape), 0, 0.0
@@ -149,52 +148,34 @@ def ball_weights_in_tets(
     return count
 
 
-def fill_ball(
-    centre: Vector,
-    offsets: Vector,
-    kernel_weights: Vector,
-    cell: float,
-    geometry: Any,
-    slot: Indices,
-    nodes: Indices,
-    weights: Vector,
-) -> int:
-    """Inside kernels: `ball_weights` or `ball_weights_in_tets`, by the type of a mesh's geometry."""
+def fill_ball(centre: Floats, rule: BallRule, slot: Ints, nodes: Ints, weights: Floats) -> int:
+    """Inside kernels: `ball_weights` or `ball_weights_in_tets`, by the type of the rule's geometry."""
     raise NotImplementedError
 
 
 @resolved_by_type(fill_ball)
-def _filler(centre, offsets, kernel_weights, cell, geometry, slot, nodes, weights):  # type: ignore[no-untyped-def]
-    def in_tets(centre, offsets, kernel_weights, cell, geometry, slot, nodes, weights):  # type: ignore[no-untyped-def]
-        return ball_weights_in_tets(centre, offsets, kernel_weights, cell, geometry, slot, nodes, weights)
+def _filler(centre, rule, slot, nodes, weights):  # type: ignore[no-untyped-def]
+    def in_tets(centre, rule, slot, nodes, weights):  # type: ignore[no-untyped-def]
+        return ball_weights_in_tets(centre, rule, rule.geometry, slot, nodes, weights)
 
-    def in_box(centre, offsets, kernel_weights, cell, geometry, slot, nodes, weights):  # type: ignore[no-untyped-def]
-        size_m, cells = geometry
-        return ball_weights(centre, offsets, kernel_weights, cell, size_m, cells, slot, nodes, weights)
+    def in_box(centre, rule, slot, nodes, weights):  # type: ignore[no-untyped-def]
+        size_m, cells = rule.geometry
+        return ball_weights(centre, rule, size_m, cells, slot, nodes, weights)
 
+    del centre, slot, nodes, weights  # only the type of the rule counts
+    geometry = rule.types[rule.fields.index("geometry")]
     return in_tets if geometry.instance_class is TetSearch else in_box
 
 
 @kernel
-def weights_of_ball(
-    centre: Vector,
-    offsets: Vector,
-    kernel_weights: Vector,
-    cell: float,
-    geometry: Any,
-    slot: Indices,
-    nodes: Indices,
-    weights: Vector,
-) -> int:
+def weights_of_ball(centre: Floats, rule: BallRule, slot: Ints, nodes: Ints, weights: Floats) -> int:
     """`fill_ball`, to be called from outside of kernels."""
-    return fill_ball(centre, offsets, kernel_weights, cell, geometry, slot, nodes, weights)
+    return fill_ball(centre, rule, slot, nodes, weights)
 
 
 @kernel
-def displaced(
-    rest: Vector, nodes: Indices, weights: Vector, count: int, x: Vector, x_rest: Vector, out: Vector
-) -> None:
-    """out (3,) = X + sum_a w_a (x_a - X_a): where the material ball around the rest point X is now."""
+def displaced(rest: Floats, nodes: Ints, weights: Floats, count: int, x: Floats, x_rest: Floats, out: Floats) -> None:
+    """Write out (3,) = X + sum_a w_a (x_a - X_a): where the material ball around the rest point X is now."""
     for i in range(3):
         out[i] = rest[i]
         for k in range(count):

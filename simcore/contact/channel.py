@@ -10,19 +10,14 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field, fields
 from enum import IntEnum
-from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from simcore.arrays import Flags, Floats, Ints
 from simcore.compiled import kernel
-from simcore.contact.ball import Ball, displaced, fill_ball, weights_of_ball
+from simcore.contact.ball import Ball, BallRule, Balls, displaced, fill_ball, weights_of_ball
 from simcore.mesh.mesh import Mesh
 from simcore.needle.shaft import shaft_frame
-
-Vector = NDArray[np.float64]
-Indices = NDArray[np.int64]
-Flags = NDArray[np.bool_]
 
 POINT_TOLERANCE_M = 1e-12  # a ball sits at its place to this; far below every constraint tolerance
 
@@ -43,17 +38,16 @@ class ChannelModel:
 
     spacing_m: float
     ball: Ball
-    rest_m: Vector
-    geometry: Any
-    inward: Vector
+    rest_m: Floats
+    inward: Floats
     capacity: int
 
     @classmethod
-    def of(cls, *, spacing_m: float, spread_m: float, longest_m: float, mesh: Mesh, entry_m: Vector) -> ChannelModel:
+    def of(cls, *, spacing_m: float, spread_m: float, longest_m: float, mesh: Mesh, entry_m: Floats) -> ChannelModel:
         """longest_m: a bound on the rest length of the channel; elements are allocated once."""
         ball = Ball.of_radius(spread_m, mesh)
         inward = mesh.inward_normal(entry_m)
-        return cls(spacing_m, ball, mesh.nodes_m, mesh.geometry, inward, int(longest_m / spacing_m) + 4)
+        return cls(spacing_m, ball, mesh.nodes_m, inward, int(longest_m / spacing_m) + 4)
 
 
 @dataclass
@@ -62,21 +56,21 @@ class Channel:
 
     phase: Phase
     count: int
-    rest_m: Vector  # (P, 3) material points
-    depth_m: Vector  # (P,) rest depth S along the channel; element 0: its whole length
-    arc_m: Vector  # (P,) needle arc length s at the last converged step
-    force_n: Vector  # (P, 3) of the needle on the tissue, world
-    force_change_n: Vector  # (P, 3) in the last step
-    mode: Indices  # (P,) last position on the axial staircase (see `contact_laws`)
+    rest_m: Floats  # (P, 3) material points
+    depth_m: Floats  # (P,) rest depth S along the channel; element 0: its whole length
+    arc_m: Floats  # (P,) needle arc length s at the last converged step
+    force_n: Floats  # (P, 3) of the needle on the tissue, world
+    force_change_n: Floats  # (P, 3) in the last step
+    mode: Ints  # (P,) last position on the axial staircase (see `contact_laws`)
     created: Flags  # (P,) constrains since X_c is far enough ahead
     active: Flags  # (P,) constrains now: the needle reaches it
-    nodes: Indices  # (P, K) ball weights
-    weights: Vector  # (P, K)
-    touched: Indices  # (P,)
-    slot: Indices = field(repr=False)  # scratch of ball_weights
+    nodes: Ints  # (P, K) ball weights
+    weights: Floats  # (P, K)
+    touched: Ints  # (P,)
+    slot: Ints = field(repr=False)  # scratch of ball_weights
 
     @classmethod
-    def at_surface(cls, model: ChannelModel, entry_m: Vector, needle_length_m: float) -> Channel:
+    def at_surface(cls, model: ChannelModel, entry_m: Floats, needle_length_m: float) -> Channel:
         """Before puncture: one contact point where the tip touches."""
         p, k, n = model.capacity, model.ball.capacity, len(model.rest_m)
         channel = cls(
@@ -106,21 +100,19 @@ class Channel:
         copies = {k: v.copy() for k, v in values.items() if isinstance(v, np.ndarray) and k != "slot"}
         return Channel(**{**values, **copies})
 
-    def place(self, model: ChannelModel, element: int, rest_m: Vector) -> None:
+    def place(self, model: ChannelModel, element: int, rest_m: Floats) -> None:
         """Put an element at a rest point and compute its weights."""
         self.rest_m[element] = rest_m
         self.touched[element] = weights_of_ball(
-            self.rest_m[element],
-            model.ball.offsets_m,
-            model.ball.kernel,
-            model.ball.cell_m,
-            model.geometry,
-            self.slot,
-            self.nodes[element],
-            self.weights[element],
+            self.rest_m[element], model.ball.rule, self.slot, self.nodes[element], self.weights[element]
         )
 
-    def position(self, model: ChannelModel, element: int, x: Vector) -> Vector:
+    @property
+    def balls(self) -> Balls:
+        """The balls of all elements, for kernels."""
+        return Balls(self.rest_m, self.nodes, self.weights, self.touched)
+
+    def position(self, model: ChannelModel, element: int, x: Floats) -> Floats:
         """(3,) m, world: where the element is in the deformed tissue x (n, 3)."""
         out = np.empty(3)
         displaced(
@@ -134,8 +126,8 @@ class Channel:
         )
         return out
 
-    def active_elements(self) -> Indices:
-        """Indices of the elements that constrain now."""
+    def active_elements(self) -> Ints:
+        """Ints of the elements that constrain now."""
         return np.flatnonzero(self.active[: self.count])
 
     @property
@@ -145,7 +137,7 @@ class Channel:
 
 
 @kernel
-def project(x: Vector, R: Vector, element_length: float, point: Vector, guess: float) -> float:
+def project(x: Floats, R: Floats, element_length: float, point: Floats, guess: float) -> float:
     """Arc length s with (point - c(s)) . c'(s) = 0, by Newton's method from `guess`."""
     s = guess
     for _ in range(20):
@@ -162,7 +154,7 @@ def project(x: Vector, R: Vector, element_length: float, point: Vector, guess: f
 
 
 @kernel
-def inserted_rest_length(depth: Vector, arc: Vector, count: int, needle_length: float) -> float:
+def inserted_rest_length(depth: Floats, arc: Floats, count: int, needle_length: float) -> float:
     """Rest length of the channel that the needle occupies: where s = L, interpolated in the pairs (s, S).
 
     A tip ahead of X_c (it cuts in this very step) counts with its advance.
@@ -182,8 +174,8 @@ def inserted_rest_length(depth: Vector, arc: Vector, count: int, needle_length: 
 
 
 @kernel
-def tributary_lengths(depth: Vector, active: Flags, count: int, inserted: float, out: Vector) -> None:
-    """out (P,) m: rest length of channel that each active element stands for; they add up to `inserted`.
+def tributary_lengths(depth: Floats, active: Flags, count: int, inserted: float, out: Floats) -> None:
+    """Write out (P,) m: rest length of channel that each active element stands for; they add up to `inserted`.
 
     The cell of an element ends half-way to its active neighbours; the first begins at the entry, the last ends at the
     needle's tip.
@@ -204,7 +196,7 @@ def tributary_lengths(depth: Vector, active: Flags, count: int, inserted: float,
         out[previous] = max(inserted - start, 0.0)
 
 
-def advance_end(channel: Channel, model: ChannelModel, x: Vector, tip_m: Vector) -> None:
+def advance_end(channel: Channel, model: ChannelModel, x: Floats, tip_m: Floats) -> None:
     """Cutting: move X_c to the material point where the tip is now, and note every multiple of the spacing it passes.
 
     Afterwards p(X_c) = tip exactly, so that the next step begins without a gap.
@@ -218,7 +210,7 @@ def advance_end(channel: Channel, model: ChannelModel, x: Vector, tip_m: Vector)
         _append(channel, model, before + share * (after - before), depth)
 
 
-def _append(channel: Channel, model: ChannelModel, rest_m: Vector, depth_m: float) -> None:
+def _append(channel: Channel, model: ChannelModel, rest_m: Floats, depth_m: float) -> None:
     element = channel.count
     channel.count += 1
     channel.place(model, element, rest_m)
@@ -229,35 +221,33 @@ def _append(channel: Channel, model: ChannelModel, rest_m: Vector, depth_m: floa
     channel.created[element] = channel.active[element] = False
 
 
-def _material_point(channel: Channel, model: ChannelModel, element: int, x: Vector, target_m: Vector) -> Vector:
+def _material_point(channel: Channel, model: ChannelModel, element: int, x: Floats, target_m: Floats) -> Floats:
     """Move an element in rest space until its ball sits at `target_m` (3,) m, world; returns the rest point."""
-    c, ball = channel, model.ball
-    material = (ball.offsets_m, ball.kernel, ball.cell_m, model.geometry)
-    c.touched[element] = material_point(
-        c.rest_m[element], target_m, x, model.rest_m, *material, c.slot, c.nodes[element], c.weights[element]
-    )
+    c = channel
+    weights = (c.slot, c.nodes[element], c.weights[element])
+    c.touched[element] = material_point(c.rest_m[element], target_m, x, model.rest_m, model.ball.rule, *weights)
     return np.asarray(c.rest_m[element])
 
 
 @kernel
 def material_point(
-    rest: Vector,
-    target: Vector,
-    x: Vector,
-    x_rest: Vector,
-    offsets: Vector,
-    kernel_weights: Vector,
-    cell: float,
-    geometry: Any,
-    slot: Indices,
-    nodes: Indices,
-    weights: Vector,
+    rest: Floats,
+    target: Floats,
+    x: Floats,
+    x_rest: Floats,
+    rule: BallRule,
+    slot: Ints,
+    nodes: Ints,
+    weights: Floats,
 ) -> int:
     """Solve p(X) = target for the rest point X, from and into `rest` (3,) m, by Broyden's method; returns the number
     of its weights, which are written with their nodes."""
+    # p(X) - X varies slowly, so the inverse of dp/dX starts as the identity; its derivative would cost a ball for each
+    # axis. Broyden's good update (1965), for the inverse B after a move dX that changed the place by dp, costs none:
+    # B += (dX - B dp) (dX^T B) / (dX^T B dp). It is superlinear, and only p itself decides when it is solved.
     inverse = np.eye(3)
     move, miss, now, change, row = np.zeros(3), np.zeros(3), np.zeros(3), np.zeros(3), np.zeros(3)
-    count = fill_ball(rest, offsets, kernel_weights, cell, geometry, slot, nodes, weights)
+    count = fill_ball(rest, rule, slot, nodes, weights)
     displaced(rest, nodes, weights, count, x, x_rest, miss)
     miss -= target
     for _ in range(50):
@@ -267,7 +257,7 @@ def material_point(
             move[i] = -(inverse[i, 0] * miss[0] + inverse[i, 1] * miss[1] + inverse[i, 2] * miss[2])
         for i in range(3):
             rest[i] += move[i]
-        count = fill_ball(rest, offsets, kernel_weights, cell, geometry, slot, nodes, weights)
+        count = fill_ball(rest, rule, slot, nodes, weights)
         displaced(rest, nodes, weights, count, x, x_rest, now)
         now -= target
         along = 0.0
@@ -292,7 +282,7 @@ def puncture(channel: Channel, model: ChannelModel) -> None:
     channel.mode[0] = 1
 
 
-def slide_contact(channel: Channel, model: ChannelModel, x: Vector, tip_m: Vector) -> None:
+def slide_contact(channel: Channel, model: ChannelModel, x: Floats, tip_m: Floats) -> None:
     """Before puncture: after tangential slip the contact point is the surface point beside the tip.
 
     It slides in the plane of the surface at the entry.
@@ -308,9 +298,9 @@ def slide_contact(channel: Channel, model: ChannelModel, x: Vector, tip_m: Vecto
 def refresh_elements(
     channel: Channel,
     model: ChannelModel,
-    x: Vector,
-    needle_x: Vector,
-    needle_R: Vector,
+    x: Floats,
+    needle_x: Floats,
+    needle_R: Floats,
     element_length_m: float,
 ) -> float:
     """Create, drop and take up elements after a converged step; returns the largest lateral gap (m) taken up.
@@ -343,7 +333,7 @@ def refresh_elements(
     return largest
 
 
-def _in_question(channel: Channel, needle_length_m: float) -> Indices:
+def _in_question(channel: Channel, needle_length_m: float) -> Ints:
     """Elements that the tip may have reached or left: all others stay as they are."""
     n = channel.count
     return np.flatnonzero(~channel.active[:n] | (channel.arc_m[:n] > needle_length_m))
@@ -353,9 +343,9 @@ def _onto_shaft(
     channel: Channel,
     model: ChannelModel,
     element: int,
-    x: Vector,
-    needle_x: Vector,
-    needle_R: Vector,
+    x: Floats,
+    needle_x: Floats,
+    needle_R: Floats,
     element_length_m: float,
 ) -> None:
     place = channel.position(model, element, x)

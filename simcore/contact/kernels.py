@@ -7,22 +7,19 @@ whole; one that is cut by the surface has its centroid up to 1 mm below its poin
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import numpy as np
-from numpy.typing import NDArray
 
+from simcore.arrays import Flags, Floats, Ints, Singles
 from simcore.compiled import kernel
-from simcore.contact.ball import displaced
+from simcore.contact.ball import Balls, displaced
 from simcore.contact.channel import project
-from simcore.needle.shaft import shaft_columns, shaft_frame
-
-Vector = NDArray[np.float64]
-Single = NDArray[np.float32]
-Indices = NDArray[np.int64]
-Flags = NDArray[np.bool_]
+from simcore.needle.shaft import Shaft, shaft_columns, shaft_frame
 
 
 @kernel
-def frame_along(axis: Vector, frame: Vector) -> None:
+def frame_along(axis: Floats, frame: Floats) -> None:
     """Rows n1, n2, tau of a right-handed frame with tau along `axis`; n1 leans towards x (y if the axis does)."""
     size = np.sqrt(axis[0] ** 2 + axis[1] ** 2 + axis[2] ** 2)
     lead = 0 if abs(axis[0]) < 0.9 * size else 1
@@ -38,41 +35,50 @@ def frame_along(axis: Vector, frame: Vector) -> None:
         frame[1, i] = frame[2, j] * frame[0, k] - frame[2, k] * frame[0, j]
 
 
+class TissueShape(NamedTuple):
+    """The tissue's nodes now and at rest, (n, 3) m each."""
+
+    x: Floats
+    x_rest: Floats
+
+
+class ConstraintPoints(NamedTuple):
+    """Of each active element: arc length (a,) m, speed |c'| (a,), frame (a, 3, 3), local gap (a, 3) m, beam (a,), the
+    gradient (a, 3, 12) of its shaft point in world axes, and the ball's place (a, 3) m."""
+
+    arc: Floats
+    speed: Floats
+    frames: Floats
+    gap: Floats
+    beams: Ints
+    columns: Floats
+    places: Floats
+
+
 @kernel
 def constraint_geometry(
     contact: bool,
-    surface_frame: Vector,
-    elements: Indices,
-    rest: Vector,
-    nodes: Indices,
-    weights: Vector,
-    touched: Indices,
-    x: Vector,
-    x_rest: Vector,
-    needle_x: Vector,
-    needle_R: Vector,
-    element_length: float,
-    mode: Indices,
-    breaks: Vector,
-    arc: Vector,
-    speed: Vector,
-    frames: Vector,
-    gap: Vector,
-    beams: Indices,
-    columns: Vector,
-    points: Vector,
+    elements: Ints,
+    balls: Balls,
+    tissue: TissueShape,
+    shaft: Shaft,
+    mode: Ints,
+    breaks: Floats,
+    out: ConstraintPoints,
 ) -> None:
-    """Of each active element: arc length (a,), speed |c'| (a,), frame (a, 3, 3), local gap (a, 3) m, beam (a,) and the
-    gradient (a, 3, 12) of its shaft point in world axes, and the ball's place (a, 3) m.
+    """Write the points of the active elements.
 
     Sticking elements keep the arc length of their breakpoint; all others are projected onto the shaft. The frame of a
-    surface contact is surface_frame (3, 3), inward normal last, and its arc length is L + gap along the normal.
+    surface contact stays as it is, inward normal last, and its arc length is L + gap along the normal.
     """
+    rest, nodes, weights, touched = balls
+    needle_x, needle_R, element_length = shaft
+    arc, speed, frames, gap, beams, columns, places = out
     length = element_length * (len(needle_x) - 1)
     for i in range(len(elements)):
         e = elements[i]
-        p = points[i]
-        displaced(rest[e], nodes[e], weights[e], touched[e], x, x_rest, p)
+        p = places[i]
+        displaced(rest[e], nodes[e], weights[e], touched[e], tissue.x, tissue.x_rest, p)
         if contact:
             s = length
         elif mode[i] % 2 == 1:
@@ -81,7 +87,6 @@ def constraint_geometry(
             s = project(needle_x, needle_R, element_length, p, arc[i])
         c, dc, _, beam, h = shaft_frame(needle_x, needle_R, element_length, s)
         if contact:
-            frames[i] = surface_frame
             speed[i] = 1.0
         else:
             frame_along(dc, frames[i])
@@ -98,29 +103,33 @@ def constraint_geometry(
         shaft_columns(needle_R, beam, h, columns[i])
 
 
-@kernel
-def tissue_residual(
-    held_forces: Vector,
-    x: Vector,
-    x_old: Vector,
-    v_old: Vector,
-    masses: Vector,
-    damping_forces: Vector,
-    dt: float,
-    mass_damping: float,
-    stiffness_damping: float,
-    elements: Indices,
-    nodes: Indices,
-    weights: Vector,
-    touched: Indices,
-    force: Vector,
-    unknown: Indices,
-    out: Vector,
-) -> float:
-    """out (unknowns,) = H_t^T lambda - f_tissue - M (v+ - v) / dt - C v+; returns its largest component, N.
+class Motion(NamedTuple):
+    """Of the tissue in a step: nodes x (n, 3) m now, x_old and v_old (m/s) before it, and dt in s."""
 
-    force: (a, 3) N world, of the needle on the tissue. damping_forces: sum R_e K_e R_e^T v+, if damped.
+    x: Floats
+    x_old: Floats
+    v_old: Floats
+    dt_s: float
+
+
+class Inertia(NamedTuple):
+    """Of the tissue: masses (n,) kg, and alpha, beta of the damping alpha M + beta K."""
+
+    masses_kg: Floats
+    alpha_per_s: float
+    beta_s: float
+
+
+@kernel
+def free_residual(
+    held_forces: Floats, damping_forces: Floats, motion: Motion, inertia: Inertia, unknown: Ints, out: Floats
+) -> None:
+    """Write out (unknowns,) = - f_tissue - M (v+ - v) / dt - C v+, N: what is missing without the needle.
+
+    damping_forces: (n, 3) N, sum R_e K_e R_e^T v+, if damped.
     """
+    x, x_old, v_old, dt = motion
+    masses, mass_damping, stiffness_damping = inertia
     for node in range(len(unknown)):
         rank = unknown[node]
         if rank < 0:
@@ -132,6 +141,13 @@ def tissue_residual(
                 value -= masses[node] * ((v - v_old[node, i]) / dt + mass_damping * v)
                 value -= stiffness_damping * damping_forces[node, i]
             out[3 * rank + i] = value
+
+
+@kernel
+def add_needle_forces(elements: Ints, balls: Balls, force: Floats, unknown: Ints, out: Floats) -> float:
+    """Add H_t^T lambda to out (unknowns,): force (a, 3) N world, of the needle on the tissue; returns the largest
+    component of the sum, N."""
+    _, nodes, weights, touched = balls
     for i in range(len(elements)):
         e = elements[i]
         for k in range(touched[e]):
@@ -143,10 +159,8 @@ def tissue_residual(
 
 
 @kernel
-def needle_residual(
-    internal_forces: Vector, needle_R: Vector, beams: Indices, shares: Vector, force: Vector, out: Vector
-) -> None:
-    """out (n + 1, 6) = -f_needle - H_n^T lambda; minus row 0 is the wrench of the robot on the base, N and N m.
+def needle_residual(internal_forces: Floats, beams: Ints, shares: Floats, force: Floats, out: Floats) -> None:
+    """Write out (n + 1, 6) = -f_needle - H_n^T lambda; minus row 0 is the wrench of the robot on the base, N and N m.
 
     shares: (a, 3, 12) gradients of the shaft points; force: (a, 3) N of the needle on the tissue.
     """
@@ -159,8 +173,8 @@ def needle_residual(
 
 
 @kernel
-def needle_right_sides(beams: Indices, columns: Vector, out: Vector) -> None:
-    """out (n, 6, 3a): unit world forces at each shaft point as nodal loads on the free nodes 1 ... n."""
+def needle_right_sides(beams: Ints, columns: Floats, out: Floats) -> None:
+    """Write out (n, 6, 3a): unit world forces at each shaft point as nodal loads on the free nodes 1 ... n."""
     out[:] = 0.0
     for i in range(len(beams)):
         for column in range(12):
@@ -171,8 +185,8 @@ def needle_right_sides(beams: Indices, columns: Vector, out: Vector) -> None:
 
 
 @kernel
-def moved_shaft(beams: Indices, columns: Vector, base_move: Vector, free_moves: Vector, out: Vector) -> None:
-    """out (a, 3, k): displacement of each shaft point under nodal moves (n, 6, k) and moves of the base (6, k)."""
+def moved_shaft(beams: Ints, columns: Floats, base_move: Floats, free_moves: Floats, out: Floats) -> None:
+    """Write out (a, 3, k): displacement of each shaft point under moves of nodes (n, 6, k) and base (6, k)."""
     for i in range(len(beams)):
         for a in range(3):
             for k in range(out.shape[2]):
@@ -187,16 +201,9 @@ def moved_shaft(beams: Indices, columns: Vector, base_move: Vector, free_moves: 
 
 
 @kernel
-def tissue_moves(
-    elements: Indices,
-    nodes: Indices,
-    weights: Vector,
-    touched: Indices,
-    unknown: Indices,
-    moves: Single,
-    out: Vector,
-) -> None:
-    """out (a, 3): displacement of each ball under the nodal moves (unknowns,)."""
+def tissue_moves(elements: Ints, balls: Balls, unknown: Ints, moves: Singles, out: Floats) -> None:
+    """Write out (a, 3): displacement of each ball under the nodal moves (unknowns,)."""
+    _, nodes, weights, touched = balls
     for i in range(len(elements)):
         e = elements[i]
         out[i, :] = 0.0
@@ -208,7 +215,7 @@ def tissue_moves(
 
 
 @kernel
-def move_nodes(unknown: Indices, moves: Single, x: Vector) -> None:
+def move_nodes(unknown: Ints, moves: Singles, x: Floats) -> None:
     """Add to x (n, 3) the moves (unknowns,) of the free nodes."""
     for node in range(len(unknown)):
         rank = unknown[node]
@@ -218,8 +225,8 @@ def move_nodes(unknown: Indices, moves: Single, x: Vector) -> None:
 
 
 @kernel
-def local_compliance(elements: Indices, between: Vector, shaft_moves: Vector, frames: Vector, out: Vector) -> None:
-    """out (3a, 3a) = N (G_tissue + G_needle) N^T: gap per force in the local frames of both elements.
+def local_compliance(elements: Ints, between: Floats, shaft_moves: Floats, frames: Floats, out: Floats) -> None:
+    """Write out (3a, 3a) = N (G_tissue + G_needle) N^T: gap per force in the local frames of both elements.
 
     between: (3P, 3P) tissue; shaft_moves: (a, 3, 3a) needle, both world.
     """
@@ -240,7 +247,7 @@ def local_compliance(elements: Indices, between: Vector, shaft_moves: Vector, fr
 
 
 @kernel
-def to_local(frames: Vector, world: Vector) -> Vector:
+def to_local(frames: Floats, world: Floats) -> Floats:
     """(a, 3) world vectors in the local frames (a, 3, 3)."""
     out = np.zeros_like(world)
     for i in range(len(world)):
@@ -251,7 +258,7 @@ def to_local(frames: Vector, world: Vector) -> Vector:
 
 
 @kernel
-def to_world(frames: Vector, local: Vector) -> Vector:
+def to_world(frames: Floats, local: Floats) -> Floats:
     """(a, 3) local vectors in world axes."""
     out = np.zeros_like(local)
     for i in range(len(local)):
@@ -262,23 +269,11 @@ def to_world(frames: Vector, local: Vector) -> Vector:
 
 
 @kernel
-def project_inactive(
-    count: int,
-    active: Flags,
-    rest: Vector,
-    nodes: Indices,
-    weights: Vector,
-    touched: Indices,
-    x: Vector,
-    x_rest: Vector,
-    needle_x: Vector,
-    needle_R: Vector,
-    element_length: float,
-    arc: Vector,
-) -> None:
+def project_inactive(count: int, active: Flags, balls: Balls, tissue: TissueShape, shaft: Shaft, arc: Floats) -> None:
     """Arc lengths (P,) of the elements that do not constrain: where along the needle they are now."""
+    rest, nodes, weights, touched = balls
     p = np.empty(3)
     for e in range(count):
         if not active[e]:
-            displaced(rest[e], nodes[e], weights[e], touched[e], x, x_rest, p)
-            arc[e] = project(needle_x, needle_R, element_length, p, arc[e])
+            displaced(rest[e], nodes[e], weights[e], touched[e], tissue.x, tissue.x_rest, p)
+            arc[e] = project(shaft.x, shaft.R, shaft.element_length_m, p, arc[e])

@@ -14,13 +14,13 @@ A mode numbers the staircase from behind: 0 = first level, 1 = first breakpoint,
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+from typing import NamedTuple
+
 import numpy as np
-from numpy.typing import NDArray
 
+from simcore.arrays import Floats, Ints
 from simcore.compiled import kernel
-
-Vector = NDArray[np.float64]
-Indices = NDArray[np.int64]
 
 FORCE_SLACK_N = 1e-9  # above the rounding of the dense solve, far below every force tolerance
 MODE_SWEEPS = 200
@@ -28,24 +28,75 @@ TOGETHER_SWEEPS = 20  # after these, one element at a time changes its mode: no 
 MERGED_M = 1e-9  # two breakpoints nearer than this are one
 
 
+@dataclass(frozen=True)
+class ContactLaw:
+    """Forces between needle and tissue.
+
+    friction: Coulomb's coefficient. adhesion_n_per_m: shaft force per inserted length without pressure, tau0.
+    cutting_n: axial force at which the tip cuts. puncture_n: normal force at which the surface is punctured.
+    """
+
+    friction: float
+    adhesion_n_per_m: float
+    cutting_n: float
+    puncture_n: float
+
+
+class Staircase(NamedTuple):
+    """Of each active element: number of breakpoints (a,), breakpoints (a, 2) m, level k = sign b + extra (a, 3) N."""
+
+    steps: Ints
+    breaks: Floats
+    sign: Floats
+    extra: Floats
+
+    @classmethod
+    def of_size(cls, elements: int) -> Staircase:
+        """Zeros, for so many elements."""
+        a = elements
+        return cls(np.zeros(a, np.int64), np.zeros((a, 2)), np.zeros((a, 3)), np.zeros((a, 3)))
+
+
+class Law(NamedTuple):
+    """The laws of all active elements: their staircases, adhesion base_n = tau0 l (a,) N, Coulomb's coefficient, and
+    whether it is the surface contact, whose Coulomb friction acts laterally and not along the needle."""
+
+    stair: Staircase
+    base_n: Floats
+    friction: float
+    contact: bool
+
+
+class Response(NamedTuple):
+    """How the gaps answer to forces, in local frames: gap' = gap + w (force' - force).
+
+    w: (3a, 3a) m/N. gap: (a, 3) m tissue minus needle without a change of force. arc: (a,) m and speed |c'(s)| (a,).
+    force: (a, 3) N.
+    """
+
+    w: Floats
+    gap: Floats
+    arc: Floats
+    speed: Floats
+    force: Floats
+
+
 @kernel
 def staircases(
     contact: bool,
-    elements: Indices,
-    arc_old: Vector,
+    elements: Ints,
+    arc_old: Floats,
     needle_length: float,
     cutting: float,
     puncture: float,
-    mode: Indices,
-    breaks: Vector,
-    steps: Indices,
-    sign: Vector,
-    extra: Vector,
+    mode: Ints,
+    out: Staircase,
 ) -> None:
-    """Write the staircase of each active element: steps (a,) breakpoints, breaks (a, 2) m, level k = sign b + extra.
+    """Write the staircase of each active element.
 
     mode (a,) keeps its meaning where the number of breakpoints has changed since the last step.
     """
+    steps, breaks, sign, extra = out
     for i in range(len(elements)):
         steps[i] = 1
         sign[i, 0], sign[i, 1], sign[i, 2] = -1.0, 1.0, 1.0
@@ -65,45 +116,36 @@ def staircases(
 
 
 @kernel
-def level(sign: float, extra: float, base: float, friction: float, lateral: float) -> float:
-    """Axial force on a tread of the staircase: sign (tau0 l + mu |lambda_n|) + extra, N."""
-    return sign * (base + friction * lateral) + extra
+def level(law: Law, element: int, k: int, lateral: float) -> float:
+    """Axial force on tread k of an element's staircase: sign (tau0 l + mu |lambda_n|) + extra, N."""
+    friction = 0.0 if law.contact else law.friction
+    stair = law.stair
+    force: float = stair.sign[element, k] * (law.base_n[element] + friction * lateral) + stair.extra[element, k]
+    return force
 
 
 @kernel
-def law_residual(force: Vector, mode: Indices, sign: Vector, extra: Vector, base: Vector, friction: float) -> float:
+def law_residual(law: Law, force: Floats, mode: Ints) -> float:
     """Largest distance of the axial force of a sliding element from its level, N; force (a, 3) in local frames."""
     worst = 0.0
     for i in range(len(mode)):
         if mode[i] % 2 == 0:
-            k = mode[i] // 2
             lateral = np.hypot(force[i, 0], force[i, 1])
-            worst = max(worst, abs(force[i, 2] - level(sign[i, k], extra[i, k], base[i], friction, lateral)))
+            worst = max(worst, abs(force[i, 2] - level(law, i, mode[i] // 2, lateral)))
     return worst
 
 
 @kernel
-def next_mode(
-    mode: int,
-    count: int,
-    arc: float,
-    force: float,
-    lateral: float,
-    breaks: Vector,
-    sign: Vector,
-    extra: Vector,
-    base: float,
-    friction: float,
-) -> int:
-    """The mode itself if arc length and force agree with it, else its neighbour on the staircase."""
-    k = mode // 2
+def next_mode(law: Law, element: int, mode: int, arc: float, force: float, lateral: float) -> int:
+    """The mode itself if arc length and axial force agree with it, else its neighbour on the staircase."""
+    k, breaks = mode // 2, law.stair.breaks[element]
     if mode % 2 == 1:
-        if force < level(sign[k], extra[k], base, friction, lateral) - FORCE_SLACK_N:
+        if force < level(law, element, k, lateral) - FORCE_SLACK_N:
             return mode - 1
-        if force > level(sign[k + 1], extra[k + 1], base, friction, lateral) + FORCE_SLACK_N:
+        if force > level(law, element, k + 1, lateral) + FORCE_SLACK_N:
             return mode + 1
         return mode
-    if k < count and arc < breaks[k]:
+    if k < law.stair.steps[element] and arc < breaks[k]:
         return mode + 1
     if k > 0 and arc > breaks[k - 1]:
         return mode - 1
@@ -112,28 +154,25 @@ def next_mode(
 
 @kernel
 def system_rows(
-    w: Vector,
-    gap: Vector,
-    arc: Vector,
-    speed: Vector,
-    force: Vector,
-    around: Vector,
-    mode: Indices,
-    breaks: Vector,
-    sign: Vector,
-    extra: Vector,
-    base: Vector,
-    friction: float,
-    slide: Vector,
+    response: Response,
+    law: Law,
+    around: Floats,
+    mode: Ints,
+    slide: Floats,
     sliding: bool,
-    surface_friction: float,
-    matrix: Vector,
-    right: Vector,
+    matrix: Floats,
+    right: Floats,
 ) -> None:
     """One linear equation per row for the new local forces: matrix (3a, 3a) force' = right (3a,).
 
     around (a, 3): the force at which |lambda_n| is linearised. Force rows are scaled by the compliance of their row.
     """
+    # Duriez et al. 2009 enforce the laws on the condensed problem. A row states a gap, gap + w (force' - force) = goal:
+    # laterally 0, along the shaft the way to the breakpoint at which it sticks. Where it slides, a row puts the axial
+    # force on its level, |lambda_n| linearised: force'_t - sign mu n . force'_n = sign tau0 l + extra, |n| = 1.
+    w, gap, arc, speed, force = response
+    breaks, sign, extra = law.stair.breaks, law.stair.sign, law.stair.extra
+    friction = 0.0 if law.contact else law.friction
     for i in range(len(mode)):
         for c in range(3):
             row = 3 * i + c
@@ -150,7 +189,7 @@ def system_rows(
             k = mode[i] // 2
             matrix[row, :] = 0.0
             matrix[row, row] = scale
-            right[row] = scale * (sign[i, k] * base[i] + extra[i, k])
+            right[row] = scale * (sign[i, k] * law.base_n[i] + extra[i, k])
             lateral = np.hypot(around[i, 0], around[i, 1])
             if lateral > 0.0:
                 for c in range(2):
@@ -160,57 +199,36 @@ def system_rows(
             scale = w[c, c]
             matrix[c, :] = 0.0
             matrix[c, c] = scale
-            matrix[c, 2] = -scale * surface_friction * slide[c]
+            matrix[c, 2] = -scale * law.friction * slide[c]
             right[c] = 0.0
 
 
 @kernel
 def respond(
-    w: Vector,
-    gap: Vector,
-    arc: Vector,
-    speed: Vector,
-    force: Vector,
-    solution: Vector,
-    mode: Indices,
-    breaks: Vector,
-    new_force: Vector,
-    new_arc: Vector,
+    response: Response, stair: Staircase, solution: Floats, mode: Ints, new_force: Floats, new_arc: Floats
 ) -> None:
     """Forces (a, 3) N and arcs (a,) m from the solution (3a,) of `system_rows`; a stuck arc is its breakpoint."""
+    w, gap, arc, speed, force = response
     for i in range(len(mode)):
         moved = gap[i, 2]
         for j in range(len(solution)):
             moved += w[3 * i + 2, j] * (solution[j] - force[j // 3, j % 3])
         new_arc[i] = arc[i] + moved / speed[i]
         if mode[i] % 2 == 1:
-            new_arc[i] = breaks[i, mode[i] // 2]
+            new_arc[i] = stair.breaks[i, mode[i] // 2]
         for c in range(3):
             new_force[i, c] = solution[3 * i + c]
 
 
 @kernel
-def advance_modes(
-    force: Vector,
-    arc: Vector,
-    around: Vector,
-    mode: Indices,
-    steps: Indices,
-    breaks: Vector,
-    sign: Vector,
-    extra: Vector,
-    base: Vector,
-    friction: float,
-    one_at_a_time: bool,
-) -> bool:
+def advance_modes(law: Law, force: Floats, arc: Floats, around: Floats, mode: Ints, one_at_a_time: bool) -> bool:
     """Move every mode that disagrees with its force and arc to its neighbour, or only the first such; True if all agree
     and |lambda_n| is where it was linearised."""
+    friction = 0.0 if law.contact else law.friction
     settled = True
     for i in range(len(mode)):
         lateral = np.hypot(force[i, 0], force[i, 1])
-        wanted = next_mode(
-            mode[i], steps[i], arc[i], force[i, 2], lateral, breaks[i], sign[i], extra[i], base[i], friction
-        )
+        wanted = next_mode(law, i, mode[i], arc[i], force[i, 2], lateral)
         if wanted != mode[i]:
             mode[i] = wanted
             settled = False
@@ -223,50 +241,27 @@ def advance_modes(
 
 
 @kernel
-def solve_laws(
-    w: Vector,
-    gap: Vector,
-    arc: Vector,
-    speed: Vector,
-    force: Vector,
-    mode: Indices,
-    steps: Indices,
-    breaks: Vector,
-    sign: Vector,
-    extra: Vector,
-    base: Vector,
-    friction: float,
-    contact: bool,
-    slide: Vector,
-    new_force: Vector,
-    new_arc: Vector,
-) -> bool:
-    """Forces that satisfy every law for the linear response gap' = gap + w (force' - force).
+def solve_laws(response: Response, law: Law, mode: Ints, slide: Floats, new_force: Floats, new_arc: Floats) -> bool:
+    """Forces that satisfy every law for a linear response of the gaps.
 
-    w: (3a, 3a) m/N compliance in local frames; gap: (a, 3) m tissue minus needle without a change of force; arc: (a,) m
-    and speed |c'(s)|; force: (a, 3) N. mode is updated; slide (2,) is the direction of lateral slip of a surface
-    contact. Writes new_force (a, 3) N and new_arc (a,) m; False if no consistent set of modes was found.
+    mode is updated; slide (2,) is the direction of lateral slip of a surface contact. Writes new_force (a, 3) N and
+    new_arc (a,) m; False if no consistent set of modes was found.
     A semismooth Newton (active set) method; the friction bound is linearised in |lambda_n| and repeated to rounding.
     """
-    size = len(w)
+    size = len(response.w)
     matrix, right = np.empty((size, size)), np.empty(size)
-    around = force.copy()
+    around = response.force.copy()
+    contact = law.contact
     sliding = contact and (slide[0] != 0.0 or slide[1] != 0.0)
-    laterally = 0.0 if contact else friction
     for sweep in range(MODE_SWEEPS):
-        system_rows(
-            w, gap, arc, speed, force, around, mode, breaks, sign, extra, base, laterally, slide, sliding, friction,
-            matrix, right,
-        )  # fmt: skip
+        system_rows(response, law, around, mode, slide, sliding, matrix, right)
         right[:] = np.linalg.solve(matrix, right)
-        respond(w, gap, arc, speed, force, right, mode, breaks, new_force, new_arc)
-        settled = advance_modes(
-            new_force, new_arc, around, mode, steps, breaks, sign, extra, base, laterally, sweep >= TOGETHER_SWEEPS
-        )
+        respond(response, law.stair, right, mode, new_force, new_arc)
+        settled = advance_modes(law, new_force, new_arc, around, mode, sweep >= TOGETHER_SWEEPS)
         around[:] = new_force
         if contact:
             before0, before1, was = slide[0], slide[1], sliding
-            sliding = surface_slip(w, gap, force, new_force, friction, slide)
+            sliding = surface_slip(response, law.friction, new_force, slide)
             if sliding != was or abs(slide[0] - before0) + abs(slide[1] - before1) > 1e-12:
                 settled = False
         if settled:
@@ -275,11 +270,12 @@ def solve_laws(
 
 
 @kernel
-def surface_slip(w: Vector, gap: Vector, force: Vector, new_force: Vector, friction: float, slide: Vector) -> bool:
+def surface_slip(response: Response, friction: float, new_force: Floats, slide: Floats) -> bool:
     """Coulomb's law of the surface contact (element 0): projects the augmented lateral force onto the friction disc.
 
     Returns whether it slips; slide (2,) becomes the unit direction of the lateral force, zero while it sticks.
     """
+    w, gap, force = response.w, response.gap, response.force
     trial = np.empty(2)
     stiffness = 2.0 / (w[0, 0] + w[1, 1])  # one for both directions, else the slip would not be opposite to the force
     for c in range(2):

@@ -6,14 +6,11 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Protocol, TypeVar
 
-import numpy as np
-from numpy.typing import NDArray
-
-from simcore.insertion.insertion import Pose
+from simcore.arrays import Floats
 from simcore.insertion.jacobian_fast import Linearisation
+from simcore.insertion.state import Pose
 from simcore.scenario.scenario import Scenario
 
-Vector = NDArray[np.float64]
 Settings = TypeVar("Settings")
 
 
@@ -23,8 +20,8 @@ class Observation:
 
     step: int
     base: Pose
-    tip_m: Vector  # (3,)
-    target_m: Vector  # (3,) with noise
+    tip_m: Floats  # (3,)
+    target_m: Floats  # (3,) with noise
 
 
 Model = Callable[[Observation], Linearisation]  # linearised about the step that led to the observation
@@ -44,7 +41,7 @@ class Setup:
     """What a controller can be made of: the scenario, the initial entry point (3,) m, and I-FEM's model."""
 
     scenario: Scenario
-    entry_m: Vector
+    entry_m: Floats
     needle_length_m: float
     model: Model | None
 

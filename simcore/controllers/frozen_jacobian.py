@@ -4,19 +4,19 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
+from simcore.arrays import Floats
 from simcore.controllers.base import Observation
 from simcore.controllers.ifem import damped_inverse
 from simcore.controllers.plant_model import model_scenario
 from simcore.controllers.remote_centre import pose_through
-from simcore.errors import ModelFailure, Status
-from simcore.insertion.insertion import Insertion, Pose
+from simcore.errors import ModelFailureError, Status
+from simcore.insertion.insertion import InsertionState
 from simcore.insertion.jacobian_fast import linearise
+from simcore.insertion.state import Pose
 from simcore.rotations import skew
+from simcore.scenario.build import insertion_of
 from simcore.scenario.scenario import FrozenJacobian, Scenario
-
-Vector = NDArray[np.float64]
 
 STEP_M = 0.5e-3  # advance of the own insertion: quasi-static, its end does not depend on the pace
 
@@ -27,18 +27,18 @@ class FrozenJacobianController:
 
     limited = True
 
-    def __init__(self, settings: FrozenJacobian, scenario: Scenario, entry_m: Vector) -> None:
+    def __init__(self, settings: FrozenJacobian, scenario: Scenario, entry_m: Floats) -> None:
         self.entry_m = entry_m
-        self.failure: ModelFailure | None = None
+        self.failure: ModelFailureError | None = None
         try:
             jacobian = straight_jacobian(settings, scenario)
-        except ModelFailure as failure:
+        except ModelFailureError as failure:
             self.failure = failure  # of the run and not of its preparation: the first command tells it
             return
         self.inverse = settings.gain * damped_inverse(jacobian, settings.damping)
 
     def command(self, observation: Observation) -> Pose:
-        """One step down the observed error along the kept directions. Raises ModelFailure if there are none."""
+        """One step down the observed error along the kept directions. Raises ModelFailureError if there are none."""
         if self.failure is not None:
             raise self.failure
         base = observation.base
@@ -46,22 +46,27 @@ class FrozenJacobianController:
         return pose_through(self.entry_m, base.position_m + move, base.rotation)
 
 
-def straight_jacobian(settings: FrozenJacobian, scenario: Scenario) -> Vector:
+def straight_jacobian(settings: FrozenJacobian, scenario: Scenario) -> Floats:
     """(3, 3) d tip / d base position at the end of a straight insertion, the base's axis kept through the entry.
 
-    Raises ModelFailure when the insertion does not converge.
+    Raises ModelFailureError when the insertion does not converge.
     """
     scenario = model_scenario(scenario, settings.model)
-    path, insertion = scenario.path(), Insertion(scenario)
+    path, insertion = scenario.path(), insertion_of(scenario, keeps_tissue=False)
     tangent = path.first_tangent()
     depth_m = min(settings.depth_mm * 1e-3, float(np.linalg.norm(path.chord)))
-    state = insertion.initial_state(tangent)
+    state = _completed(insertion.initial_state(tangent))
     first = state.base
     for advance_m in np.linspace(0.0, depth_m, max(2, round(depth_m / STEP_M)))[1:]:
-        state = insertion.step(state, Pose(first.position_m + advance_m * tangent, first.rotation))
-        if state.report.status is not Status.COMPLETED:
-            raise ModelFailure(state.report.status, f"insertion for the frozen Jacobian: {state.report.message}")
-    tip = linearise(insertion, state).tip
+        state = _completed(insertion.step(state, Pose(first.position_m + advance_m * tangent, first.rotation)))
+    tip = linearise(insertion.model, state.solved).tip
     reach_m = float(np.linalg.norm(insertion.entry_m - state.base.position_m))
-    following: Vector = tip[:, :3] - tip[:, 3:] @ skew(tangent) / reach_m
+    following: Floats = tip[:, :3] - tip[:, 3:] @ skew(tangent) / reach_m
     return following
+
+
+def _completed(state: InsertionState) -> InsertionState:
+    """The state itself. Raises ModelFailureError for a step that failed."""
+    if state.report.status is not Status.COMPLETED:
+        raise ModelFailureError(state.report.status, f"insertion for the frozen Jacobian: {state.report.message}")
+    return state

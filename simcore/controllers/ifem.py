@@ -3,15 +3,13 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
+from simcore.arrays import Floats
 from simcore.controllers.base import Model, Observation
-from simcore.insertion.insertion import Pose
 from simcore.insertion.jacobian_fast import Linearisation
+from simcore.insertion.state import Pose
 from simcore.rotations import exp_map
 from simcore.scenario.scenario import InverseFem
-
-Vector = NDArray[np.float64]
 
 
 class InverseFemController:
@@ -34,7 +32,7 @@ class InverseFemController:
         return Pose(observation.base.position_m + twist[:3], turn @ observation.base.rotation)
 
 
-def objectives(response: Linearisation, tip_error_m: Vector, settings: InverseFem) -> tuple[Vector, Vector]:
+def objectives(response: Linearisation, tip_error_m: Floats, settings: InverseFem) -> tuple[Floats, Floats]:
     """J = de/dX (3 or 5, 6) and k o e (3 or 5,): tip error n_traj - n_tip, then the remote-centre offsets.
 
     The remote-centre rows are off before the puncture, and with a gain of 0.
@@ -45,7 +43,7 @@ def objectives(response: Linearisation, tip_error_m: Vector, settings: InverseFe
     return jacobian, np.concatenate([settings.gain * tip_error_m, settings.rcm_gain * response.rcm_error_m])
 
 
-def damped_inverse(jacobian: Vector, damping: float) -> Vector:
+def damped_inverse(jacobian: Floats, damping: float) -> Floats:
     """J^+ = J^T (J J^T + d^2 I)^-1 (Wampler 1986; Nakamura and Hanafusa 1986)."""
     gram = jacobian @ jacobian.T + damping**2 * np.eye(len(jacobian))
     return np.asarray(np.linalg.solve(gram, jacobian).T)

@@ -3,15 +3,13 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
+from simcore.arrays import Floats
 from simcore.controllers.base import Observation
 from simcore.controllers.remote_centre import pose_through
-from simcore.insertion.insertion import Pose
+from simcore.insertion.state import Pose
 from simcore.learning import Regressor, load_model
 from simcore.scenario.scenario import Learned
-
-Vector = NDArray[np.float64]
 
 
 class LearnedController:
@@ -19,11 +17,11 @@ class LearnedController:
 
     limited = True
 
-    def __init__(self, regressor: Regressor, entry_m: Vector) -> None:
+    def __init__(self, regressor: Regressor, entry_m: Floats) -> None:
         self.regressor, self.entry_m = regressor, entry_m
 
     @classmethod
-    def load(cls, kind: str, settings: Learned, entry_m: Vector) -> LearnedController:
+    def load(cls, kind: str, settings: Learned, entry_m: Floats) -> LearnedController:
         """With the model that the scenario's block names. Raises ScenarioError."""
         assert settings.model_sha256 is not None
         return cls(load_model(kind, settings.model, settings.model_sha256).regressor, entry_m)

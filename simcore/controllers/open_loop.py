@@ -3,13 +3,12 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
+from simcore.arrays import Floats
 from simcore.controllers.base import Observation
-from simcore.insertion.insertion import Pose, rotation_towards
+from simcore.insertion.insertion import rotation_towards
+from simcore.insertion.state import Pose
 from simcore.scenario.scenario import Scenario
-
-Vector = NDArray[np.float64]
 
 
 class OpenLoopController:
@@ -17,7 +16,7 @@ class OpenLoopController:
 
     limited = True
 
-    def __init__(self, scenario: Scenario, entry_m: Vector, needle_length_m: float) -> None:
+    def __init__(self, scenario: Scenario, entry_m: Floats, needle_length_m: float) -> None:
         path = scenario.path()
         chord = path.end_m - path.entry_m
         self.entry_m, self.needle_length_m = entry_m, needle_length_m

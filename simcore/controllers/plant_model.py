@@ -5,11 +5,13 @@ from __future__ import annotations
 from collections.abc import Callable
 
 from simcore.controllers.base import Model, Observation
-from simcore.errors import ModelFailure, Status
+from simcore.errors import ModelFailureError, Status
 from simcore.insertion.insertion import Insertion, InsertionState
 from simcore.insertion.jacobian_exact import linearise_exactly
 from simcore.insertion.jacobian_fast import Linearisation, linearise
 from simcore.insertion.jacobian_perturbation import Perturbation
+from simcore.scenario.build import insertion_of
+from simcore.scenario.controller_blocks import Controller
 from simcore.scenario.scenario import InverseFem, Scenario, SeparateModel
 
 LastStep = Callable[[], tuple[InsertionState, InsertionState]]
@@ -22,7 +24,14 @@ def derivative(insertion: Insertion, settings: InverseFem) -> Derivative:
         shift, lever = settings.perturbation_mm * 1e-3, settings.lever_arm_mm * 1e-3
         return Perturbation(insertion, shift_m=shift, lever_arm_m=lever).linearise
     form = linearise_exactly if settings.derivative == "exact" else linearise
-    return lambda _, state: form(insertion, state)
+    return lambda _, state: form(insertion.model, state.solved)
+
+
+def needs_tissue(controller: Controller) -> bool:
+    """Whether the Jacobian that a controller asks for needs the tissue's side of each step: the exact one does."""
+    if not isinstance(controller, InverseFem):
+        return False
+    return controller.jacobian == "constraint" and controller.derivative == "exact"
 
 
 class Shared:
@@ -32,6 +41,7 @@ class Shared:
         self.derivative, self.last_step = derivative(plant, settings), last_step
 
     def __call__(self, _: Observation) -> Linearisation:
+        """About the plant's last step. Raises ModelFailureError."""
         return self.derivative(*self.last_step())
 
 
@@ -40,16 +50,17 @@ class Separate:
 
     def __init__(self, scenario: Scenario, settings: InverseFem, model: SeparateModel) -> None:
         scenario = model_scenario(scenario, model)
-        self.insertion = Insertion(scenario)
+        self.insertion = insertion_of(scenario, keeps_tissue=needs_tissue(settings))
         self.derivative = derivative(self.insertion, settings)
         self.state = self.insertion.initial_state(scenario.path().first_tangent())
 
     def __call__(self, observation: Observation) -> Linearisation:
+        """About the model's step to the observed base. Raises ModelFailureError."""
         before = self.state
         if observation.step > 0:
             self.state = self.insertion.step(before, observation.base)
         if self.state.report.status is not Status.COMPLETED:
-            raise ModelFailure(self.state.report.status, self.state.report.message)
+            raise ModelFailureError(self.state.report.status, self.state.report.message)
         return self.derivative(before, self.state)
 
 

@@ -5,14 +5,12 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from simcore.arrays import Floats
 from simcore.controllers.base import Controller, Observation
-from simcore.insertion.insertion import Pose
+from simcore.insertion.state import Pose
 from simcore.plugins import PluginError, factory_of
 from simcore.scenario.scenario import Plugin, Scenario
-
-Vector = NDArray[np.float64]
 
 MAXIMUM_SKEW = 1e-6  # of R^T R from the identity
 
@@ -25,7 +23,7 @@ class PluginController:
         self.limited = bool(getattr(controller, "limited", True))
 
     @classmethod
-    def load(cls, settings: Plugin, scenario: Scenario, entry_m: Vector, needle_length_m: float) -> PluginController:
+    def load(cls, settings: Plugin, scenario: Scenario, entry_m: Floats, needle_length_m: float) -> PluginController:
         """Calls the factory: (scenario, entry_m, needle_length_m, settings). Raises PluginError."""
         made = factory_of(settings.name)(scenario, entry_m.copy(), needle_length_m, dict(settings.settings))
         if not callable(getattr(made, "command", None)):

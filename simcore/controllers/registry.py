@@ -4,7 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
-from simcore.controllers.base import Controller, Model, Setup, Vector
+from simcore.arrays import Floats
+from simcore.controllers.base import Controller, Model, Setup
 from simcore.controllers.frozen_jacobian import FrozenJacobianController
 from simcore.controllers.ifem import InverseFemController
 from simcore.controllers.learned import LearnedController
@@ -28,7 +29,7 @@ FACTORIES: dict[str, Callable[[Setup], Controller]] = {
 }
 
 
-def make_controller(scenario: Scenario, *, entry_m: Vector, needle_length_m: float, model: Model | None) -> Controller:
+def make_controller(scenario: Scenario, *, entry_m: Floats, needle_length_m: float, model: Model | None) -> Controller:
     """The controller of a scenario. model: from `make_model`; only I-FEM asks it.
 
     Raises ScenarioError for a model file that cannot be used any more, PluginError for a plug-in that cannot be made.

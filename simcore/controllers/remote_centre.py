@@ -3,17 +3,15 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
-from simcore.insertion.insertion import Pose
+from simcore.arrays import Floats
+from simcore.insertion.state import Pose
 from simcore.rotations import exp_map
-
-Vector = NDArray[np.float64]
 
 TOO_NEAR_M = 1e-3  # a base so near to the entry says nothing on its axis
 
 
-def pose_through(entry_m: Vector, position_m: Vector, rotation: Vector) -> Pose:
+def pose_through(entry_m: Floats, position_m: Floats, rotation: Floats) -> Pose:
     """The base at position_m (3,) m, its axis through entry_m (3,) m; turned from `rotation` (3, 3) without a twist
     about the axis, which an axisymmetric needle would carry as torsion for nothing."""
     towards = entry_m - position_m

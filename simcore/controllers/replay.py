@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from simcore.controllers.base import Observation
-from simcore.insertion.insertion import Pose
+from simcore.insertion.state import Pose
 from simcore.rotations import matrix_from_quaternion
 from simcore.scenario.scenario import Replay
 

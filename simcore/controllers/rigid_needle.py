@@ -3,13 +3,12 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
+from simcore.arrays import Floats
 from simcore.controllers.base import Observation
-from simcore.insertion.insertion import Pose, rotation_towards
+from simcore.insertion.insertion import rotation_towards
+from simcore.insertion.state import Pose
 from simcore.scenario.scenario import RigidNeedle, Scenario
-
-Vector = NDArray[np.float64]
 
 
 class RigidNeedleController:
@@ -18,7 +17,7 @@ class RigidNeedleController:
 
     limited = True
 
-    def __init__(self, settings: RigidNeedle, scenario: Scenario, entry_m: Vector, needle_length_m: float) -> None:
+    def __init__(self, settings: RigidNeedle, scenario: Scenario, entry_m: Floats, needle_length_m: float) -> None:
         self.entry_m, self.needle_length_m = entry_m, needle_length_m
         self.first = scenario.path().first_tangent()
         self.straight_m = min(settings.straight_mm * 1e-3, 0.5 * scenario.path().length_m)

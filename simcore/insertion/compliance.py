@@ -8,21 +8,32 @@ memory traffic. Columns A^-1 B^T are kept with it.
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.linalg.lapack import spbtrf, spbtrs
 
+from simcore.arrays import Floats, Ints, Singles
 from simcore.compiled import kernel
+from simcore.contact.ball import Balls
 from simcore.contact.channel import Channel
 from simcore.tissue.model import TissueModel, assemble_band
-
-Vector = NDArray[np.float64]
-Single = NDArray[np.float32]
-Indices = NDArray[np.int64]
 
 TIP_COLUMN_REUSE_M = 0.5e-3  # the channel end may move so far before its columns are computed anew
 
 
-class NotPositiveDefinite(ArithmeticError):
+def inertia(tissue: TissueModel, dt_s: float) -> Floats:
+    """(n,) kg/s2: M (1 / dt^2 + alpha / dt) of each node."""
+    diagonal: Floats = tissue.masses_kg * (1.0 / dt_s**2 + tissue.mass_damping_per_s / dt_s)
+    return diagonal
+
+
+def solve_factored(factor: Singles, right: Floats | Singles) -> Singles:
+    """A^-1 right, (unknowns,) or (unknowns, k), in single precision, by a banded Cholesky factor of A; a diverging step
+    overflows to infinity."""
+    with np.errstate(over="ignore", invalid="ignore"):
+        solution: Singles = spbtrs(factor, right.astype(np.float32), lower=1)[0]
+    return solution
+
+
+class NotPositiveDefiniteError(ArithmeticError):
     """The matrix to be factored is not positive definite: nothing holds the tissue."""
 
 
@@ -32,28 +43,25 @@ class Compliance:
     def __init__(self, tissue: TissueModel, dt_s: float, capacity: int) -> None:
         self.tissue = tissue
         self.scale = 1.0 + tissue.stiffness_damping_s / dt_s
-        self.diagonal = tissue.masses_kg * (1.0 / dt_s**2 + tissue.mass_damping_per_s / dt_s)
+        self.diagonal = inertia(tissue, dt_s)
         self.columns = np.zeros((capacity, 3, tissue.unknowns), np.float32)
         self.column_rest_m = np.full((capacity, 3), np.nan)
         self.between_points = np.zeros((3 * capacity, 3 * capacity))
         self._band = np.zeros((tissue.band + 1, tissue.unknowns), np.float32, order="F")
         self.refactor(np.tile(np.eye(3).ravel(), (len(tissue.mesh.tets), 1)))
 
-    def refactor(self, rotations: Vector) -> None:
-        """Factor at the present rotations (t, 9); forgets every column. Raises NotPositiveDefinite."""
+    def refactor(self, rotations: Floats) -> None:
+        """Factor at the present rotations (t, 9); forgets every column. Raises NotPositiveDefiniteError."""
         t = self.tissue
-        material = (t.gradients, t.volumes_m3, t.mu_pa, t.lambda_pa)
-        assemble_band(t.mesh.tets, *material, rotations, t.unknown, self.scale, self.diagonal, self._band)
+        assemble_band(t.tetrahedra, rotations, t.unknown, self.scale, self.diagonal, self._band)
         self.factor, info = spbtrf(self._band, lower=1)
         if info != 0:
-            raise NotPositiveDefinite(f"the stiffness is not positive definite in row {info}")
+            raise NotPositiveDefiniteError(f"the stiffness is not positive definite in row {info}")
         self.column_rest_m[:] = np.nan
 
-    def solve(self, right: Vector | Single) -> Single:
+    def solve(self, right: Floats | Singles) -> Singles:
         """A^-1 right, (unknowns,) or (unknowns, k), in single precision; a diverging step overflows to infinity."""
-        with np.errstate(over="ignore", invalid="ignore"):
-            solution: Single = spbtrs(self.factor, right.astype(np.float32), lower=1)[0]
-        return solution
+        return solve_factored(self.factor, right)
 
     def sync(self, channel: Channel) -> None:
         """Bring columns and the compliance between points (3P, 3P) m/N up to date with the channel's elements."""
@@ -61,16 +69,7 @@ class Compliance:
         for j in stale:
             self._compute_columns(channel, j)
         for j in [*stale, 0]:
-            compliance_rows(
-                j,
-                channel.count,
-                channel.nodes,
-                channel.weights,
-                channel.touched,
-                self.tissue.unknown,
-                self.columns,
-                self.between_points,
-            )
+            compliance_rows(j, channel.count, channel.balls, self.tissue.unknown, self.columns, self.between_points)
 
     def _stale(self, channel: Channel) -> list[int]:
         """Created elements that are not where their columns were computed, the channel end last."""
@@ -91,17 +90,9 @@ class Compliance:
 
 
 @kernel
-def compliance_rows(
-    element: int,
-    count: int,
-    nodes: Indices,
-    weights: Vector,
-    touched: Indices,
-    unknown: Indices,
-    columns: Single,
-    between: Vector,
-) -> None:
+def compliance_rows(element: int, count: int, balls: Balls, unknown: Ints, columns: Singles, between: Floats) -> None:
     """Displacement of one element's ball under unit forces on every element: its rows of `between`, and by symmetry."""
+    _, nodes, weights, touched = balls
     for j in range(count):
         for b in range(3):
             for a in range(3):

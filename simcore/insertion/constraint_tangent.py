@@ -13,63 +13,50 @@ after Duriez et al. 2009 and our laws (see `contact_laws`). The needle is elimin
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from simcore.arrays import Flags, Floats, Ints
 from simcore.compiled import kernel
 from simcore.contact.channel import tributary_lengths
 from simcore.contact.kernels import moved_shaft, needle_right_sides
-from simcore.insertion.solver import Bodies, Coupled
+from simcore.insertion.model import CoupledModel
+from simcore.insertion.state import Bodies, SolvedStep
 from simcore.needle.model import factor_blocks, solve_blocks
-from simcore.needle.shaft import shaft_columns, shaft_frame, shaft_weights
-
-Vector = NDArray[np.float64]
-Indices = NDArray[np.int64]
-Flags = NDArray[np.bool_]
+from simcore.needle.shaft import Shaft, shaft_columns, shaft_frame, shaft_weights
 
 TRIBUTARY_STEP_M = 1e-7  # tributary lengths are piecewise linear: a difference is their slope
 
 
-@dataclass(frozen=True)
-class ShaftPoints:
+class ShaftPoints(NamedTuple):
     """Points of the shaft: what its Hermite curve and their gradients to the two nodes of their beams are."""
 
-    beams: Indices  # (p,)
-    columns: Vector  # (p, 3, 12) dc/dq
-    slopes: Vector  # (p, 3, 12) dc'/dq
-    levers: Vector  # (p, 2) m, weights of the two nodal tangents in c
-    c: Vector  # (p, 3) m
-    dc: Vector  # (p, 3) c'
-    ddc: Vector  # (p, 3) c'', 1/m
+    beams: Ints  # (p,)
+    columns: Floats  # (p, 3, 12) dc/dq
+    slopes: Floats  # (p, 3, 12) dc'/dq
+    levers: Floats  # (p, 2) m, weights of the two nodal tangents in c
+    c: Floats  # (p, 3) m
+    dc: Floats  # (p, 3) c'
+    ddc: Floats  # (p, 3) c'', 1/m
 
 
 @dataclass(frozen=True)
 class ConstraintTangent:
     """matrix (4a, 4a) y + per_ball (4a, 3p) dp + per_base (4a, 6) = 0 for y = (dF, ds)."""
 
-    elements: Indices  # (p,) a that constrain, then those that only bound the tip's place in the channel
-    matrix: Vector
-    per_ball: Vector
-    per_base: Vector
-    moves: Vector  # (n, 6, 4a + 6) of the needle's free nodes per y and per move of the base
+    elements: Ints  # (p,) a that constrain, then those that only bound the tip's place in the channel
+    matrix: Floats
+    per_ball: Floats
+    per_base: Floats
+    moves: Floats  # (n, 6, 4a + 6) of the needle's free nodes per y and per move of the base
 
 
 @kernel
-def fill_points(
-    needle_x: Vector,
-    needle_R: Vector,
-    element_length: float,
-    arcs: Vector,
-    beams: Indices,
-    columns: Vector,
-    slopes: Vector,
-    levers: Vector,
-    c: Vector,
-    dc: Vector,
-    ddc: Vector,
-) -> None:
-    """Write the arrays of `ShaftPoints` at the arc lengths (p,) m."""
+def fill_points(shaft: Shaft, arcs: Floats, out: ShaftPoints) -> None:
+    """Write the points at the arc lengths (p,) m."""
+    needle_x, needle_R, element_length = shaft
+    beams, columns, slopes, levers, c, dc, ddc = out
     for i in range(len(arcs)):
         c[i], dc[i], ddc[i], beams[i], _ = shaft_frame(needle_x, needle_R, element_length, arcs[i])
         beam, weights = shaft_weights(len(needle_x) - 1, element_length, arcs[i])
@@ -78,7 +65,7 @@ def fill_points(
         levers[i, 0], levers[i, 1] = weights[0, 1], weights[0, 3]
 
 
-def shaft_points(bodies: Bodies, element_length_m: float, arcs: Vector) -> ShaftPoints:
+def shaft_points(bodies: Bodies, element_length_m: float, arcs: Floats) -> ShaftPoints:
     """The shaft at the arc lengths (p,) m."""
     p = len(arcs)
     points = ShaftPoints(
@@ -88,12 +75,11 @@ def shaft_points(bodies: Bodies, element_length_m: float, arcs: Vector) -> Shaft
         np.empty((p, 2)),
         *(np.empty((p, 3)) for _ in range(3)),
     )
-    into = (points.beams, points.columns, points.slopes, points.levers, points.c, points.dc, points.ddc)
-    fill_points(bodies.needle_x, bodies.needle_R, element_length_m, arcs, *into)
+    fill_points(Shaft(bodies.needle_x, bodies.needle_R, element_length_m), arcs, points)
     return points
 
 
-def shaft_changes(points: ShaftPoints, moves: Vector, base: Vector) -> tuple[Vector, Vector]:
+def shaft_changes(points: ShaftPoints, moves: Floats, base: Floats) -> tuple[Floats, Floats]:
     """(p, 3, k) changes of c and of c' at fixed s, under nodal moves (n, 6, k) and moves of the base (6, k)."""
     size = (len(points.beams), 3, moves.shape[2])
     shaft, turn = np.empty(size), np.empty(size)
@@ -102,7 +88,7 @@ def shaft_changes(points: ShaftPoints, moves: Vector, base: Vector) -> tuple[Vec
     return shaft, turn
 
 
-def inserted_slopes(depth: Vector, arc: Vector, count: int, needle_length: float) -> dict[int, float]:
+def inserted_slopes(depth: Floats, arc: Floats, count: int, needle_length: float) -> dict[int, float]:
     """Derivative of `inserted_rest_length` to the arc length of each element that it depends on."""
     if arc[0] <= needle_length:
         return {0: -1.0}
@@ -118,15 +104,16 @@ def inserted_slopes(depth: Vector, arc: Vector, count: int, needle_length: float
     return {}
 
 
-def constraint_tangent(c: Coupled) -> ConstraintTangent:
-    """Of a converged step, from the solver's work arrays."""
-    a = len(c.elements)
-    slopes = {} if c.contact else inserted_slopes(c.channel.depth_m, c.all_arcs, c.channel.count, c.needle.length_m)
-    beside = [j for j in slopes if not c.channel.active[j]]
-    elements = np.array([*c.elements, *beside], np.int64)
-    arcs = np.full(len(elements), c.needle.length_m) if c.contact else c.all_arcs[elements]
-    points = shaft_points(c.bodies, c.needle.element_length_m, arcs)
-    moves = _needle_moves(c, points)
+def constraint_tangent(model: CoupledModel, solved: SolvedStep) -> ConstraintTangent:
+    """Of a converged step."""
+    active, at, needle = solved.active, solved.at, model.needle
+    a, contact, channel = len(active.elements), active.contact, active.channel
+    slopes = {} if contact else inserted_slopes(channel.depth_m, at.all_arcs_m, channel.count, needle.length_m)
+    beside = [j for j in slopes if not channel.active[j]]
+    elements = np.array([*active.elements, *beside], np.int64)
+    arcs = np.full(len(elements), needle.length_m) if contact else at.all_arcs_m[elements]
+    points = shaft_points(solved.bodies, needle.element_length_m, arcs)
+    moves = _needle_moves(model, solved, points)
     base = np.zeros((6, 4 * a + 6))
     base[:, 4 * a :] = np.eye(6)
     shaft, turn = shaft_changes(points, moves, base)
@@ -137,35 +124,35 @@ def constraint_tangent(c: Coupled) -> ConstraintTangent:
     rows[: 3 * a] = -shaft[:a].reshape(3 * a, -1)
     per_ball[: 3 * a, : 3 * a] = np.eye(3 * a)
     rows[3 * a + own, 3 * a + own] = 1.0  # ds = 0, unless it slides
-    slides = c.mode % 2 == 0
-    if c.contact:
-        _surface_rows(c, rows, per_ball)
+    slides = at.mode % 2 == 0
+    if contact:
+        _surface_rows(model, solved, rows, per_ball)
     elif slides.any():
-        _friction_rows(c, slides, turn[:a], points.dc[:a], rows)
-        length = _inserted_row(c, elements, points, slopes, shaft, turn)
-        _subtract_lengths(c, slides, *length, rows, per_ball)
+        _friction_rows(model, solved, slides, turn[:a], points.dc[:a], rows)
+        length = _inserted_row(model, solved, elements, points, slopes, (shaft, turn))
+        _subtract_lengths(model, solved, slides, *length, rows, per_ball)
     return ConstraintTangent(elements, rows[:, : 4 * a], per_ball, rows[:, 4 * a :], moves)
 
 
-def _needle_moves(c: Coupled, points: ShaftPoints) -> Vector:
+def _needle_moves(model: CoupledModel, solved: SolvedStep, points: ShaftPoints) -> Floats:
     """(n, 6, 4a + 6): moves of the free nodes per dF, ds and per move of the base, all else held."""
-    a, n = len(c.elements), c.needle.elements
-    diag = c.diag.copy()
-    lever_tangent(c.bodies.needle_R, points.beams[:a], points.levers[:a], c.force, diag)
+    a, n = len(solved.active.elements), model.needle.elements
+    diag = solved.beams.diag.copy()
+    lever_tangent(solved.bodies.needle_R, points.beams[:a], points.levers[:a], solved.at.force_n, diag)
     moves = np.zeros((n, 6, 4 * a + 6))
     per_force = np.empty((n, 6, 3 * a))
     needle_right_sides(points.beams[:a], points.columns[:a], per_force)
     moves[:, :, : 3 * a] = -per_force
     needle_right_sides(points.beams[:a], points.slopes[:a], per_force)
-    moves[:, :, 3 * a : 4 * a] = -np.einsum("ndib,ib->ndi", per_force.reshape(n, 6, a, 3), c.force)
-    moves[0, :, 4 * a :] = -c.lower[0]
-    factor = factor_blocks(diag[1:], c.upper[1:], c.lower[1:])
-    solve_blocks(*factor, c.upper[1:], moves)
+    moves[:, :, 3 * a : 4 * a] = -np.einsum("ndib,ib->ndi", per_force.reshape(n, 6, a, 3), solved.at.force_n)
+    moves[0, :, 4 * a :] = -solved.beams.lower[0]
+    factor = factor_blocks(diag[1:], solved.beams.upper[1:], solved.beams.lower[1:])
+    solve_blocks(*factor, solved.beams.upper[1:], moves)
     return moves
 
 
 @kernel
-def lever_tangent(needle_R: Vector, beams: Indices, levers: Vector, force: Vector, diag: Vector) -> None:
+def lever_tangent(needle_R: Floats, beams: Ints, levers: Floats, force: Floats, diag: Floats) -> None:
     """Add to diag (n + 1, 6, 6) the change of the moments t x (h F) with the spin of their node: t F^T - (t . F) I."""
     for i in range(len(beams)):
         for node in range(2):
@@ -177,15 +164,17 @@ def lever_tangent(needle_R: Vector, beams: Indices, levers: Vector, force: Vecto
                     block[3 + p, 3 + q] += levers[i, node] * t[p] * force[i, q]
 
 
-def _friction_rows(c: Coupled, slides: Flags, turn: Vector, dc: Vector, rows: Vector) -> None:
-    """tau . dF + F . dtau - sign mu d|F_lateral| = 0 where it slides; the tributary lengths are added afterwards."""
+def _friction_rows(
+    model: CoupledModel, solved: SolvedStep, slides: Flags, turn: Floats, dc: Floats, rows: Floats
+) -> None:
+    """Rows tau . dF + F . dtau - sign mu d|F_lateral| = 0 where it slides; tributary lengths are added afterwards."""
     a = len(slides)
-    tau = c.frames[:, 2]
-    along = np.einsum("ib,ib->i", c.force, tau)
-    lateral = c.force - along[:, None] * tau
+    tau = solved.at.points.frames[:, 2]
+    along = np.einsum("ib,ib->i", solved.at.force_n, tau)
+    lateral = solved.at.force_n - along[:, None] * tau
     size = np.linalg.norm(lateral, axis=1)
     normal = lateral / np.where(size > 0.0, size, 1.0)[:, None]
-    pull = c.sign[np.arange(a), c.mode // 2] * c.interaction.friction
+    pull = solved.active.stair.sign[np.arange(a), solved.at.mode // 2] * model.law.friction
     by_turn = ((size + pull * along) / np.linalg.norm(dc, axis=1))[:, None] * normal
     law = np.einsum("ib,ibk->ik", by_turn, turn)
     own = np.arange(a)
@@ -195,17 +184,23 @@ def _friction_rows(c: Coupled, slides: Flags, turn: Vector, dc: Vector, rows: Ve
 
 
 def _inserted_row(
-    c: Coupled, elements: Indices, points: ShaftPoints, slopes: dict[int, float], shaft: Vector, turn: Vector
-) -> tuple[Vector, Vector]:
+    model: CoupledModel,
+    solved: SolvedStep,
+    elements: Ints,
+    points: ShaftPoints,
+    slopes: dict[int, float],
+    changes: tuple[Floats, Floats],
+) -> tuple[Floats, Floats]:
     """Change of the inserted length: (4a + 6,) per y and move of the base, (3p,) per move of the balls."""
-    a = len(c.elements)
+    a = len(solved.active.elements)
+    shaft, turn = changes
     row, by_ball = np.zeros(shaft.shape[2]), np.zeros(3 * len(elements))
     for i, element in enumerate(elements):
         slope = slopes.get(int(element), 0.0)
         if i < a:
             row[3 * a + i] += slope
             continue
-        apart = c.channel.position(c.channel_model, int(element), c.bodies.x) - points.c[i]
+        apart = solved.active.channel.position(model.channel, int(element), solved.bodies.x) - points.c[i]
         slope /= points.dc[i] @ points.dc[i] - apart @ points.ddc[i]
         row += slope * (apart @ turn[i] - points.dc[i] @ shaft[i])
         by_ball[3 * i : 3 * i + 3] = slope * points.dc[i]
@@ -213,32 +208,39 @@ def _inserted_row(
 
 
 def _subtract_lengths(
-    c: Coupled, slides: Flags, inserted: Vector, by_ball: Vector, rows: Vector, per_ball: Vector
+    model: CoupledModel,
+    solved: SolvedStep,
+    slides: Flags,
+    inserted: Floats,
+    by_ball: Floats,
+    rows: Floats,
+    per_ball: Floats,
 ) -> None:
-    """sign tau0 dl: the tributary lengths follow the inserted length, piecewise linearly."""
-    channel, longer, now = c.channel, np.zeros(c.channel.count), np.zeros(c.channel.count)
-    for out, length in ((longer, c.inserted_m + TRIBUTARY_STEP_M), (now, c.inserted_m)):
+    """Rows sign tau0 dl: the tributary lengths follow the inserted length, piecewise linearly."""
+    channel = solved.active.channel
+    longer, now = np.zeros(channel.count), np.zeros(channel.count)
+    for out, length in ((longer, solved.at.inserted_m + TRIBUTARY_STEP_M), (now, solved.at.inserted_m)):
         tributary_lengths(channel.depth_m, channel.active, channel.count, length, out)
-    growth = (c.adhesion_n_per_m / TRIBUTARY_STEP_M) * (longer - now)[c.elements]
+    growth = (model.law.adhesion_n_per_m / TRIBUTARY_STEP_M) * (longer - now)[solved.active.elements]
     for i in np.flatnonzero(slides):
-        pull = c.sign[i, c.mode[i] // 2] * growth[i]
+        pull = solved.active.stair.sign[i, solved.at.mode[i] // 2] * growth[i]
         rows[3 * len(slides) + i] -= pull * inserted
         per_ball[3 * len(slides) + i] -= pull * by_ball
 
 
-def _surface_rows(c: Coupled, rows: Vector, per_ball: Vector) -> None:
+def _surface_rows(model: CoupledModel, solved: SolvedStep, rows: Floats, per_ball: Floats) -> None:
     """Contact before puncture: Signorini along the surface's normal; while it slides, F_lateral = mu F_n u, u against
     the lateral gap. The gap rows become those of the surface's frame."""
-    rows[:3], per_ball[:3] = c.frames[0] @ rows[:3], c.frames[0] @ per_ball[:3]
+    rows[:3], per_ball[:3] = solved.at.points.frames[0] @ rows[:3], solved.at.points.frames[0] @ per_ball[:3]
     force = np.zeros((3, rows.shape[1]))
-    force[:, :3] = c.frames[0]
-    if c.mode[0] != 1:
+    force[:, :3] = solved.at.points.frames[0]
+    if solved.at.mode[0] != 1:
         rows[2], per_ball[2] = force[2], 0.0
-    if not c.slide.any():
+    if not solved.at.slide.any():
         return
-    mu, distance = c.interaction.friction, float(np.hypot(*c.gap[0, :2]))
-    across = np.eye(2) - np.outer(c.slide, c.slide)
-    pressure = float(c.frames[0, 2] @ c.force[0])
+    mu, distance = model.law.friction, float(np.hypot(*solved.at.points.gap[0, :2]))
+    across = np.eye(2) - np.outer(solved.at.slide, solved.at.slide)
+    pressure = float(solved.at.points.frames[0, 2] @ solved.at.force_n[0])
     by_gap = mu * pressure / distance * across if distance > 0.0 else np.zeros((2, 2))
-    rows[:2] = by_gap @ rows[:2] + force[:2] - mu * np.outer(c.slide, force[2])
+    rows[:2] = by_gap @ rows[:2] + force[:2] - mu * np.outer(solved.at.slide, force[2])
     per_ball[:2] = by_gap @ per_ball[:2]

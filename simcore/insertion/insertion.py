@@ -1,17 +1,14 @@
-"""The insertion as a plant: a constant model, a changing state, `step` a function that reads as the algorithm."""
+"""The insertion as a plant: a constant model, a changing state, and `step`, which reads as the algorithm."""
 
 from __future__ import annotations
 
-from copy import copy
 from dataclasses import dataclass, replace
-from functools import cached_property
 
 import numpy as np
-from numpy.typing import NDArray
 
+from simcore.arrays import Floats
 from simcore.contact.channel import (
     Channel,
-    ChannelModel,
     Phase,
     advance_end,
     puncture,
@@ -19,27 +16,16 @@ from simcore.contact.channel import (
     slide_contact,
 )
 from simcore.errors import Status
-from simcore.insertion.solver import Bodies, Coupled, Guess, StepReport
-from simcore.mesh.mesh import MaterialPoints
+from simcore.insertion.model import CoupledModel, Tolerances
+from simcore.insertion.solver import solve_step, tissue_response
+from simcore.insertion.state import Bodies, Goal, Guess, Pose, SolvedStep, StepReport, Workspace
 from simcore.needle.model import NeedleModel, increments, straight
 from simcore.rotations import exp_map
-from simcore.scenario.scenario import Scenario, Solver
 from simcore.tissue.breathing import BreathingMotion
 from simcore.tissue.model import TissueModel
 
-Vector = NDArray[np.float64]
-
-PATH_POINTS_APART_M = 0.5e-3  # of the carried path; the chords of a 1 mm sine over 120 mm then miss it by 0.1 um
 OUTSIDE_M = 1e-3  # a contact point or channel end farther than this outside the rest shape has left the tissue
 RE_ENTRY_MISS_M = 2e-3  # a re-entering tip farther than this from its channel has left it
-
-
-@dataclass(frozen=True)
-class Pose:
-    """Of the needle's base: position (3,) m and rotation (3, 3), world; identity = needle along +z."""
-
-    position_m: Vector
-    rotation: Vector
 
 
 @dataclass
@@ -48,11 +34,12 @@ class InsertionState:
 
     bodies: Bodies
     channel: Channel
-    base_wrench: Vector  # (6,) N, N m of the robot on the base
+    base_wrench: Floats  # (6,) N, N m of the robot on the base
     inserted_m: float  # rest length of channel that the needle occupies
-    points_m: Vector  # (a, 3) active constraint points
-    point_forces_n: Vector  # (a, 3) of the needle on the tissue
+    points_m: Floats  # (a, 3) active constraint points
+    point_forces_n: Floats  # (a, 3) of the needle on the tissue
     report: StepReport
+    solved: SolvedStep  # what a linearisation of the last step needs
     steps: int = 0  # since the start: the held nodes are where the motion has them at steps * dt
 
     @property
@@ -61,142 +48,123 @@ class InsertionState:
         return Pose(self.bodies.needle_x[0], self.bodies.needle_R[0])
 
     @property
-    def tip_m(self) -> Vector:
+    def tip_m(self) -> Floats:
         """(3,) m, world."""
-        tip: Vector = self.bodies.needle_x[-1]
+        tip: Floats = self.bodies.needle_x[-1]
         return tip
 
 
 class Insertion:
-    """Needle, tissue and their interaction for one scenario. `step` leaves its argument as it was."""
+    """Needle, tissue and their interaction. `step` leaves its argument as it was."""
 
-    def __init__(self, scenario: Scenario) -> None:
-        self.scenario = scenario
-        self.tissue = TissueModel.from_scenario(scenario.tissue)
-        self.needle = NeedleModel.from_scenario(scenario.needle)
-        self.entry_m = np.array(scenario.trajectory.entry_mm) * 1e-3
-        interaction = scenario.interaction
-        assert interaction.spacing_mm is not None
-        self.channel_model = ChannelModel.of(
-            spacing_m=interaction.spacing_mm * 1e-3,
-            spread_m=interaction.spread_mm * 1e-3,
-            longest_m=self.needle.length_m,
-            mesh=self.tissue.mesh,
-            entry_m=self.entry_m,
-        )
-        self.coupled = Coupled(
-            self.tissue, self.needle, self.channel_model, interaction, scenario.solver, scenario.dt_s
-        )
-        self.motion = BreathingMotion.from_scenario(scenario.motion)
+    def __init__(
+        self, model: CoupledModel, *, motion: BreathingMotion | None = None, keeps_tissue: bool = True
+    ) -> None:
+        """motion: of the held nodes; None = they stay. keeps_tissue: whether each step keeps the tissue's side of it,
+        which the exact Jacobian needs: a copy of some megabytes."""
+        self.model, self.motion, self.keeps_tissue = model, motion, keeps_tissue
+        self.workspace = Workspace(model)
 
-    def initial_base(self, tangent: Vector) -> Pose:
+    @property
+    def tissue(self) -> TissueModel:
+        """The tissue's constants."""
+        return self.model.tissue
+
+    @property
+    def needle(self) -> NeedleModel:
+        """The needle's constants."""
+        return self.model.needle
+
+    @property
+    def entry_m(self) -> Floats:
+        """(3,) m, world: where the needle enters, also the remote centre of motion."""
+        return self.model.entry_m
+
+    def initial_base(self, tangent: Floats) -> Pose:
         """Base pose of the straight needle that waits along `tangent` (3,), unit, with its tip at the entry."""
         rotation = rotation_towards(tangent)
         return Pose(self.entry_m - self.needle.length_m * rotation[:, 2], rotation)
 
-    def initial_state(self, tangent: Vector) -> InsertionState:
+    def initial_state(self, tangent: Floats) -> InsertionState:
         """Tissue at rest, needle straight along `tangent`, tip at the entry, touching."""
         base = self.initial_base(tangent)
         x, R = straight(self.needle, base.position_m, base.rotation)
         rest = self.tissue.mesh.nodes_m
         bodies = Bodies(rest.copy(), np.zeros_like(rest), x, R, np.zeros((len(x), 6)))
-        channel = Channel.at_surface(self.channel_model, self.entry_m, self.needle.length_m)
-        _, report = self.coupled.solve(bodies, channel, base.position_m, base.rotation)
+        channel = Channel.at_surface(self.model.channel, self.entry_m, self.needle.length_m)
+        solved = self._kept(solve_step(self.model, self.workspace, bodies, channel, Goal(base)))
         nothing = np.zeros((0, 3))
-        self._last = InsertionState(bodies, channel, np.zeros(6), 0.0, nothing, nothing, report)
-        return self._last
+        return InsertionState(bodies, channel, np.zeros(6), 0.0, nothing, nothing, solved.report, solved)
 
     def step(self, state: InsertionState, base: Pose) -> InsertionState:
         """The state after the base has moved to `base`; `report.status` says whether it may be used.
 
         A contact that reaches the puncture force is opened and the same step is solved again, inside.
         """
-        channel, bodies, report = self.solve(state, base)
+        solved = self._kept(self.solve(state, base))
+        channel, report = solved.active.channel, solved.report
         if report.status is Status.COMPLETED:
-            channel = channel.copy()  # the solved problem keeps the channel that it was solved with
-            report = self._settle(channel, bodies, report)
-        self._last = InsertionState(
-            bodies,
+            channel = channel.copy()  # the solved step keeps the channel that it was solved with
+            report = self._settle(channel, solved)
+        return InsertionState(
+            solved.bodies,
             channel,
-            self.coupled.base_wrench(),
-            self.coupled.inserted_m if channel.phase is Phase.INSERTED else 0.0,
-            self.coupled.points,
-            self.coupled.force,
+            solved.base_wrench,
+            solved.at.inserted_m,
+            solved.at.points.places,
+            solved.at.force_n,
             report,
+            solved,
             state.steps + 1,
         )
-        return self._last
 
-    def solve(
-        self, state: InsertionState, base: Pose, guess: Guess | None = None
-    ) -> tuple[Channel, Bodies, StepReport]:
+    def solve(self, state: InsertionState, base: Pose, guess: Guess | None = None) -> SolvedStep:
         """The first half of `step`: the new equilibrium, its channel not yet cut further; opened if it was punctured.
 
         guess: where the solver begins, for a channel that is open already; None = where the last step leads to.
         """
-        channel = state.channel.copy()
-        bodies, report = self._solve(state, channel, base, guess)
-        if report.status is Status.COMPLETED and self._punctures():
+        solved = self._solve(state, state.channel.copy(), base, guess)
+        if solved.report.status is Status.COMPLETED and _punctures(solved):
             channel = state.channel.copy()
-            puncture(channel, self.channel_model)
-            bodies, report = self._solve(state, channel, base)
-        return channel, bodies, report
+            puncture(channel, self.model.channel)
+            solved = self._solve(state, channel, base)
+        return solved
 
-    def twin(self, solver: Solver) -> Insertion:
-        """The same model with work arrays of its own and another solver tolerance: steps of it leave this one alone."""
-        twin = copy(self)
-        twin.scenario = self.scenario.model_copy(update={"solver": solver})
-        twin.coupled = Coupled(
-            self.tissue, self.needle, self.channel_model, self.scenario.interaction, solver, self.scenario.dt_s
-        )
-        return twin
+    def with_tolerances(self, tolerances: Tolerances) -> Insertion:
+        """The same bodies with work arrays of their own and other tolerances: steps of it leave this one alone."""
+        model = replace(self.model, tolerances=tolerances)
+        return Insertion(model, motion=self.motion, keeps_tissue=self.keeps_tissue)
 
-    def solved(self, state: InsertionState) -> Coupled:
-        """The coupled problem as it was solved for `state`, to linearise it. Only the last step is at hand."""
-        if self._last is not state:
-            raise ValueError("only the step that was solved last can be linearised")
-        return self.coupled
-
-    def carried(self, state: InsertionState, rest_m: Vector) -> Vector:
+    def material_point_position(self, state: InsertionState, rest_m: Floats) -> Floats:
         """(3,) m, world: where the tissue point at `rest_m` is now, by the shape functions of its tetrahedron."""
         nodes, weights = self.tissue.mesh.locate(rest_m)
-        moved: Vector = rest_m + weights @ (state.bodies.x[nodes] - self.tissue.mesh.nodes_m[nodes])
+        moved: Floats = rest_m + weights @ (state.bodies.x[nodes] - self.tissue.mesh.nodes_m[nodes])
         return moved
 
-    def carried_path(self, state: InsertionState) -> Vector:
-        """(k, 3) m, world: the scenario's path as the tissue carries it now, at most 0.5 mm between points at rest."""
-        return self._path_material.positions(state.bodies.x, self.tissue.mesh.nodes_m)
-
-    @cached_property
-    def _path_material(self) -> MaterialPoints:
-        path = self.scenario.path()
-        pieces = int(np.ceil(path.length_m / PATH_POINTS_APART_M))
-        return self.tissue.mesh.material(path.point(np.linspace(0.0, path.length_m, pieces + 1)))
-
-    def _solve(
-        self, state: InsertionState, channel: Channel, base: Pose, guess: Guess | None = None
-    ) -> tuple[Bodies, StepReport]:
-        shift = self.motion.shift_m((state.steps + 1) * self.scenario.dt_s) if self.motion else None
-        bodies, report = self.coupled.solve(state.bodies, channel, base.position_m, base.rotation, shift, guess)
-        bodies.v = (bodies.x - state.bodies.x) / self.scenario.dt_s
+    def _solve(self, state: InsertionState, channel: Channel, base: Pose, guess: Guess | None = None) -> SolvedStep:
+        shift = self.motion.shift_m((state.steps + 1) * self.model.dt_s) if self.motion else None
         old = state.bodies
+        solved = solve_step(self.model, self.workspace, old, channel, Goal(base, shift), guess)
+        bodies = solved.bodies
+        bodies.v = (bodies.x - old.x) / self.model.dt_s
         bodies.needle_move = increments(old.needle_x, old.needle_R, bodies.needle_x, bodies.needle_R)
-        return bodies, report
+        return solved
 
-    def _punctures(self) -> bool:
-        return self.coupled.contact and bool(self.coupled.mode[0] == 2)
+    def _kept(self, solved: SolvedStep) -> SolvedStep:
+        return replace(solved, tissue=tissue_response(self.workspace, solved)) if self.keeps_tissue else solved
 
-    def _settle(self, channel: Channel, bodies: Bodies, report: StepReport) -> StepReport:
+    def _settle(self, channel: Channel, solved: SolvedStep) -> StepReport:
         """After convergence: store forces and arc lengths, cut, create, drop and take up elements."""
-        c, model, tip = self.coupled, self.channel_model, bodies.needle_x[-1]
+        at, bodies, elements, report = solved.at, solved.bodies, solved.active.elements, solved.report
+        model, tip = self.model.channel, bodies.needle_x[-1]
         channel.force_change_n[:] = 0.0
-        channel.force_change_n[c.elements] = c.force - channel.force_n[c.elements]
-        channel.force_n[c.elements] = c.force
-        channel.mode[c.elements] = c.mode
+        channel.force_change_n[elements] = at.force_n - channel.force_n[elements]
+        channel.force_n[elements] = at.force_n
+        channel.mode[elements] = at.mode
         if channel.phase is Phase.CONTACT:
             slide_contact(channel, model, bodies.x, tip)
             return self._inside(channel, report)
-        channel.arc_m[:] = c.all_arcs
+        channel.arc_m[:] = at.all_arcs_m
         if channel.active[0] and channel.arc_m[0] < self.needle.length_m:
             advance_end(channel, model, bodies.x, tip)
             channel.arc_m[0] = self.needle.length_m
@@ -219,7 +187,11 @@ class Insertion:
         return replace(report, status=Status.TISSUE_LEFT, message=message)
 
 
-def rotation_towards(direction: Vector) -> Vector:
+def _punctures(solved: SolvedStep) -> bool:
+    return solved.active.contact and bool(solved.at.mode[0] == 2)
+
+
+def rotation_towards(direction: Floats) -> Floats:
     """(3, 3) smallest rotation that takes +z to `direction` (3,), unit."""
     z = np.array([0.0, 0.0, 1.0])
     axis = np.cross(z, direction)

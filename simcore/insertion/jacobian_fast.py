@@ -11,17 +11,16 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from simcore.arrays import Floats
 from simcore.contact.channel import project
 from simcore.contact.kernels import frame_along, moved_shaft, to_local
-from simcore.contact.laws import system_rows
-from simcore.insertion.insertion import Insertion, InsertionState
-from simcore.insertion.solver import Coupled
+from simcore.contact.laws import Response, system_rows
+from simcore.insertion.model import CoupledModel
+from simcore.insertion.response import linear_response
+from simcore.insertion.state import Bodies, SolvedStep
 from simcore.needle.model import solve_blocks
 from simcore.needle.shaft import shaft_columns, shaft_frame
-
-Vector = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
@@ -32,65 +31,64 @@ class Linearisation:
     remote centre of motion, rcm_error_m: (2,) their values; None before puncture, where the shaft is not guided.
     """
 
-    tip: Vector
-    rcm: Vector | None
-    rcm_error_m: Vector
+    tip: Floats
+    rcm: Floats | None
+    rcm_error_m: Floats
 
 
-def lateral_offset(insertion: Insertion, state: InsertionState, point_m: Vector) -> tuple[Vector, Vector, int, Vector]:
-    """Where the shaft passes a point (3,) m, world: lateral offsets (2,) m of the shaft in its own frame, the frame
-    (3, 3), and beam and weights (4,) of that shaft point. Beyond the tip the end tangent is continued."""
-    b, length = state.bodies, insertion.needle.element_length_m
-    guess = insertion.needle.length_m - state.inserted_m
-    s = project(b.needle_x, b.needle_R, length, point_m, guess)
+def lateral_offset(model: CoupledModel, bodies: Bodies, inserted_m: float) -> tuple[Floats, Floats, int, Floats]:
+    """Where the shaft passes the entry: lateral offsets (2,) m of the shaft in its own frame, the frame (3, 3), and
+    beam and weights (4,) of that shaft point. Beyond the tip the end tangent is continued."""
+    b, length = bodies, model.needle.element_length_m
+    guess = model.needle.length_m - inserted_m
+    s = project(b.needle_x, b.needle_R, length, model.entry_m, guess)
     c, dc, _, beam, h = shaft_frame(b.needle_x, b.needle_R, length, s)
     frame = np.empty((3, 3))
     frame_along(dc, frame)
-    return frame[:2] @ (c - point_m), frame, beam, h
+    return frame[:2] @ (c - model.entry_m), frame, beam, h
 
 
-def linearise(insertion: Insertion, state: InsertionState) -> Linearisation:
-    """Differentiate the step that led to `state`, the one that was solved last."""
-    free, _ = base_response(insertion.solved(state))
-    offset, frame, beam, h = lateral_offset(insertion, state, insertion.entry_m)
-    if state.inserted_m == 0.0:
+def linearise(model: CoupledModel, solved: SolvedStep) -> Linearisation:
+    """Differentiate a solved step."""
+    free, _ = base_response(model, solved)
+    offset, frame, beam, h = lateral_offset(model, solved.bodies, solved.at.inserted_m)
+    if solved.at.inserted_m == 0.0:
         return Linearisation(free[-1, :3], None, offset)
     row, beams = np.empty((1, 3, 12)), np.array([beam])
-    shaft_columns(state.bodies.needle_R, beam, h, row[0])
+    shaft_columns(solved.bodies.needle_R, beam, h, row[0])
     passing = np.empty((1, 3, 6))
     moved_shaft(beams, row, np.eye(6), free, passing)
     return Linearisation(free[-1, :3], frame[:2] @ passing[0], offset)
 
 
-def base_response(c: Coupled) -> tuple[Vector, Vector]:
+def base_response(model: CoupledModel, solved: SolvedStep) -> tuple[Floats, Floats]:
     """Moves (n, 6, 6) of the needle's free nodes and changes (3a, 6) N, world, of the constraint forces, per move of
-    the base: about the last evaluated state, with every mode as it is."""
-    w, per_force = c.linear_response()
-    free = np.zeros((c.needle.elements, 6, 6))
-    free[0] = -c.lower[0]
-    solve_blocks(*c.needle_factor, c.upper[1:], free)
-    if not len(c.elements):
+    the base: about the end of the step, with every mode as it is."""
+    points, beams, a = solved.at.points, solved.beams, len(solved.active.elements)
+    needle = linear_response(solved.active, points, beams, solved.between_m_per_n)
+    free = np.zeros((model.needle.elements, 6, 6))
+    free[0] = -beams.lower[0]
+    solve_blocks(*needle.factor, beams.upper[1:], free)
+    if not a:
         return free, np.zeros((0, 6))
-    shaft = np.empty((len(c.elements), 3, 6))
-    moved_shaft(c.beams, c.columns, np.eye(6), free, shaft)
-    change = _force_response(c, w, shaft)
-    return free - per_force @ change, change
+    shaft = np.empty((a, 3, 6))
+    moved_shaft(points.beams, points.columns, np.eye(6), free, shaft)
+    change = _force_response(model, solved, needle.w, shaft)
+    return free - needle.per_force @ change, change
 
 
-def _force_response(c: Coupled, w: Vector, shaft_moves: Vector) -> Vector:
+def _force_response(model: CoupledModel, solved: SolvedStep, w: Floats, shaft_moves: Floats) -> Floats:
     """(3a, 6) N per base move, world: change of the constraint forces when the shaft moves and every mode stays."""
-    a = len(c.elements)
-    force = to_local(c.frames, c.force)
+    at, active = solved.at, solved.active
+    points, a, slides = at.points, len(active.elements), active.contact and bool(at.slide.any())
+    force = to_local(points.frames, at.force_n)
     matrix, right = np.empty((3 * a, 3 * a)), np.empty(3 * a)
-    system_rows(
-        w, c.gap, c.arc, c.speed, force, force, c.mode, c.breaks, c.sign, c.extra, c.base_friction,
-        0.0 if c.contact else c.interaction.friction, c.slide, c.contact and bool(c.slide.any()),
-        c.interaction.friction, matrix, right,
-    )  # fmt: skip
-    local = np.einsum("iab,ibk->iak", c.frames, shaft_moves)
-    local[c.mode % 2 == 0, 2] = 0.0  # a sliding element's force does not depend on where it slides
-    if c.contact and c.slide.any():
+    response = Response(w, points.gap, points.arc, points.speed, force)
+    system_rows(response, at.law(model, active), force, at.mode, at.slide, slides, matrix, right)
+    local = np.einsum("iab,ibk->iak", points.frames, shaft_moves)
+    local[at.mode % 2 == 0, 2] = 0.0  # a sliding element's force does not depend on where it slides
+    if slides:
         local[0, :2] = 0.0
     change = np.linalg.solve(matrix, local.reshape(3 * a, 6)).reshape(a, 3, 6)
-    world: Vector = np.einsum("iba,ibk->iak", c.frames, change)
+    world: Floats = np.einsum("iba,ibk->iak", points.frames, change)
     return world.reshape(3 * a, 6)

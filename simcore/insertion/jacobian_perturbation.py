@@ -12,22 +12,20 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from simcore.arrays import Floats, Ints, Singles
 from simcore.contact.channel import Phase
-from simcore.errors import ModelFailure, Status
-from simcore.insertion.insertion import Insertion, InsertionState, Pose
+from simcore.errors import ModelFailureError, Status
+from simcore.insertion.insertion import Insertion, InsertionState
 from simcore.insertion.jacobian_fast import Linearisation, base_response, lateral_offset
-from simcore.insertion.solver import Bodies, Coupled, Guess
+from simcore.insertion.model import CoupledModel, Tolerances
+from simcore.insertion.state import Bodies, Guess, Pose, SolvedStep
 from simcore.needle.model import advance, increments
 from simcore.rotations import exp_map
-from simcore.scenario.scenario import Solver
-
-Vector = NDArray[np.float64]
 
 # Jacobians along `sine` then miss fully converged ones by at most 1e-5, a twentieth of what one-sided differences do
 FORCE_TOLERANCE_N = 1e-7  # times the compliance under one node, about 30 mm/N, it is the violation below
-VIOLATION_TOLERANCE_MM = 3e-6
+VIOLATION_TOLERANCE_M = 3e-9
 
 
 class Perturbation:
@@ -35,48 +33,55 @@ class Perturbation:
 
     def __init__(self, insertion: Insertion, *, shift_m: float, lever_arm_m: float) -> None:
         """shift_m: move of each translation; a rotation moves a point at the lever arm as far."""
-        self.insertion, self.probe = insertion, insertion.twin(tight(insertion.scenario.solver))
+        self.insertion, self.probe = insertion, insertion.with_tolerances(tight(insertion.model.tolerances))
         self.shift_m, self.lever_arm_m = shift_m, lever_arm_m
         self.beyond: dict[int, Beyond] = {}
 
     def linearise(self, before: InsertionState, state: InsertionState) -> Linearisation:
-        """Of the step from `before` to `state`, the one that the insertion solved last, solved again to a tight
-        tolerance. Raises ModelFailure."""
+        """Of the step from `before` to `state`, solved again to a tight tolerance. Raises ModelFailureError."""
         before = replace(before, steps=state.steps - 1)  # the initial state is its own predecessor
         guessed = before.channel.phase is Phase.INSERTED  # the step of the puncture is solved from its start
-        solved = self.insertion.solved(state)
-        first = Guess(state.bodies.copy(), solved.force, solved.mode) if guessed else None
-        tip, offset = self._solved(before, state.base, first)
-        response = Response.of(self.probe.coupled) if guessed else None
+        at = state.solved.at
+        solved = self._solved(before, state.base, Guess(at.bodies.copy(), at.force_n, at.mode) if guessed else None)
+        tip, offset = self._measured(solved)
+        response = self._response(solved) if guessed else None
         columns = np.empty((5, 6))
         for dof in range(6):
             twist = np.zeros(6)
             twist[dof] = size = self.shift_m if dof < 3 else self.shift_m / self.lever_arm_m
             base = Pose(state.base.position_m + twist[:3], exp_map(twist[3:]) @ state.base.rotation)
             linear = response.guess(twist) if response else None
-            moved_tip, moved_offset = self._perturbed(before, base, dof, linear)
+            moved_tip, moved_offset = self._measured(self._perturbed(before, base, dof, linear))
             columns[:3, dof] = (moved_tip - tip) / size
             columns[3:, dof] = (moved_offset - offset) / size
         return Linearisation(columns[:3], columns[3:] if state.inserted_m > 0.0 else None, offset)
 
-    def _perturbed(self, before: InsertionState, base: Pose, dof: int, linear: Guess | None) -> tuple[Vector, Vector]:
+    def _perturbed(self, before: InsertionState, base: Pose, dof: int, linear: Guess | None) -> SolvedStep:
         """`_solved` from the linear prediction and what this dof had beyond it last time, which is kept."""
         if linear is None:
             return self._solved(before, base, None)
-        c = self.probe.coupled
-        first = self.beyond[dof].added(linear, c) if dof in self.beyond else linear.copy()
+        elements = before.channel.active_elements()
+        first = self.beyond[dof].added(linear, elements) if dof in self.beyond else linear.copy()
         solved = self._solved(before, base, first)
-        self.beyond[dof] = Beyond.of(linear, c)
+        self.beyond[dof] = Beyond.of(linear, solved)
         return solved
 
-    def _solved(self, before: InsertionState, base: Pose, guess: Guess | None) -> tuple[Vector, Vector]:
-        """Tip (3,) m and lateral offsets (2,) m of the shaft at the entry after the step to `base`."""
-        channel, bodies, report = self.probe.solve(before, base, guess)
-        if report.status is not Status.COMPLETED:
-            raise ModelFailure(report.status, f"perturbation Jacobian: {report.message}")
-        inserted_m = self.probe.coupled.inserted_m if channel.phase is Phase.INSERTED else 0.0
-        after = replace(before, bodies=bodies, inserted_m=inserted_m)
-        return after.tip_m, lateral_offset(self.probe, after, self.probe.entry_m)[0]
+    def _solved(self, before: InsertionState, base: Pose, guess: Guess | None) -> SolvedStep:
+        """The step to `base`. Raises ModelFailureError."""
+        solved = self.probe.solve(before, base, guess)
+        if solved.report.status is not Status.COMPLETED:
+            raise ModelFailureError(solved.report.status, f"perturbation Jacobian: {solved.report.message}")
+        return solved
+
+    def _measured(self, solved: SolvedStep) -> tuple[Floats, Floats]:
+        """Tip (3,) m and lateral offsets (2,) m of the shaft at the entry after a step."""
+        offset = lateral_offset(self.probe.model, solved.bodies, solved.at.inserted_m)[0]
+        return solved.bodies.needle_x[-1], offset
+
+    def _response(self, solved: SolvedStep) -> Response:
+        """Of the probe's last step."""
+        columns = self.probe.workspace.compliance.columns[solved.active.elements]
+        return Response.of(self.probe.model, solved, columns.reshape(-1, columns.shape[2]))
 
 
 @dataclass(frozen=True)
@@ -85,22 +90,21 @@ class Response:
     (m, 6, 6), forces (a, 3, 6) N."""
 
     state: Guess
-    tissue: Vector
-    needle: Vector
-    forces: Vector
+    tissue: Floats
+    needle: Floats
+    forces: Floats
 
     @classmethod
-    def of(cls, c: Coupled) -> Response:
-        """Of the state that was evaluated last."""
-        needle, forces = base_response(c)
-        tissue = np.zeros((len(c.bodies.x), 3, 6))
-        free = c.tissue.unknown >= 0
-        columns = c.compliance.columns[c.elements].reshape(len(forces), -1)
-        tissue[free] = (columns.T @ forces.astype(np.float32)).reshape(-1, 3, 6)[c.tissue.unknown[free]]
-        state = Guess(c.bodies.copy(), c.force, c.mode.copy())
+    def of(cls, model: CoupledModel, solved: SolvedStep, columns: Singles) -> Response:
+        """Of a solved step; columns (3a, unknowns) m/N: the tissue's moves under unit forces on its active elements."""
+        needle, forces = base_response(model, solved)
+        tissue, unknown = np.zeros((len(solved.bodies.x), 3, 6)), model.tissue.unknown
+        free = unknown >= 0
+        tissue[free] = (columns.T @ forces.astype(np.float32)).reshape(-1, 3, 6)[unknown[free]]
+        state = Guess(solved.bodies.copy(), solved.at.force_n, solved.at.mode.copy())
         return cls(state, tissue, np.concatenate([np.eye(6)[None], needle]), forces.reshape(-1, 3, 6))
 
-    def guess(self, twist: Vector) -> Guess:
+    def guess(self, twist: Floats) -> Guess:
         """The state after a twist (6,) m, rad of the base."""
         bodies: Bodies = self.state.bodies.copy()
         bodies.x += self.tissue @ twist
@@ -113,32 +117,31 @@ class Beyond:
     """What a solution had that its linear prediction had not: moves of the tissue (n, 3) m and of the needle (m, 6),
     forces (P, 3) N of all elements of the channel."""
 
-    tissue: Vector
-    needle: Vector
-    forces: Vector
+    tissue: Floats
+    needle: Floats
+    forces: Floats
 
     @classmethod
-    def of(cls, linear: Guess, c: Coupled) -> Beyond:
-        """Of the solution that was evaluated last."""
-        guessed, solved = linear.bodies, c.bodies
-        forces = np.zeros_like(c.channel.force_n)
-        forces[c.elements] = c.force - linear.force_n
-        needle = increments(guessed.needle_x, guessed.needle_R, solved.needle_x, solved.needle_R)
-        return cls(solved.x - guessed.x, needle, forces)
+    def of(cls, linear: Guess, solved: SolvedStep) -> Beyond:
+        """Of the solution of a step."""
+        guessed, bodies, active = linear.bodies, solved.bodies, solved.active
+        forces = np.zeros_like(active.channel.force_n)
+        forces[active.elements] = solved.at.force_n - linear.force_n
+        needle = increments(guessed.needle_x, guessed.needle_R, bodies.needle_x, bodies.needle_R)
+        return cls(bodies.x - guessed.x, needle, forces)
 
-    def added(self, linear: Guess, c: Coupled) -> Guess:
-        """The prediction corrected by as much."""
+    def added(self, linear: Guess, elements: Ints) -> Guess:
+        """The prediction corrected by as much; elements (a,): the active ones."""
         bodies = linear.bodies.copy()
         bodies.x += self.tissue
         advance(bodies.needle_x, bodies.needle_R, self.needle)
-        return Guess(bodies, linear.force_n + self.forces[c.elements], linear.mode)
+        return Guess(bodies, linear.force_n + self.forces[elements], linear.mode)
 
 
-def tight(solver: Solver) -> Solver:
-    """The solver's settings with the tolerances that differences need."""
-    return solver.model_copy(
-        update={
-            "force_tolerance_n": min(solver.force_tolerance_n, FORCE_TOLERANCE_N),
-            "violation_tolerance_mm": min(solver.violation_tolerance_mm, VIOLATION_TOLERANCE_MM),
-        }
+def tight(tolerances: Tolerances) -> Tolerances:
+    """As tight as differences need, with as many iterations."""
+    return replace(
+        tolerances,
+        force_n=min(tolerances.force_n, FORCE_TOLERANCE_N),
+        violation_m=min(tolerances.violation_m, VIOLATION_TOLERANCE_M),
     )

@@ -7,7 +7,8 @@ from typing import Any
 import numpy as np
 from scipy.special import expit
 
-from simcore.learning.regressor import Arrays, DataError, Regressor, Shapes, Vector, ridge_solution
+from simcore.arrays import Floats
+from simcore.learning.regressor import Arrays, DataError, Regressor, Shapes, ridge_solution
 
 NODES = 25  # [paper]
 RIDGE = 1e-6  # [ours] keeps beta finite where two random nodes look alike, without a visible bias
@@ -32,18 +33,20 @@ class ExtremeLearningMachine(Regressor):
         self.nodes, self.ridge, self.weight_range, self.seed = nodes, ridge, weight_range, seed
 
     def settings(self) -> dict[str, Any]:
+        """What it was made with, as JSON data."""
         return {"nodes": self.nodes, "ridge": self.ridge, "weight_range": self.weight_range, "seed": self.seed}
 
     def shapes(self, inputs: int, outputs: int) -> Shapes:
+        """The shape of each array but the scales; -1 = any number of rows."""
         return {"w": (self.nodes, inputs), "b": (self.nodes,), "beta": (self.nodes, outputs)}
 
-    def _fit(self, X: Vector, Y: Vector) -> Arrays:
+    def _fit(self, X: Floats, Y: Floats) -> Arrays:
         rng = np.random.default_rng(self.seed)
         w = rng.uniform(-self.weight_range, self.weight_range, (self.nodes, X.shape[1]))
         b = rng.uniform(-self.weight_range, self.weight_range, self.nodes)
         return {"w": w, "b": b, "beta": ridge_solution(expit(X @ w.T + b), Y, self.ridge)}
 
-    def _predict(self, X: Vector) -> Vector:
+    def _predict(self, X: Floats) -> Floats:
         a = self.arrays
-        answer: Vector = expit(X @ a["w"].T + a["b"]) @ a["beta"]
+        answer: Floats = expit(X @ a["w"].T + a["b"]) @ a["beta"]
         return answer

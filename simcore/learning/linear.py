@@ -4,7 +4,8 @@ from __future__ import annotations
 
 from typing import Any
 
-from simcore.learning.regressor import Arrays, DataError, Regressor, Shapes, Vector, ridge_solution
+from simcore.arrays import Floats
+from simcore.learning.regressor import Arrays, DataError, Regressor, Shapes, ridge_solution
 
 
 class LinearModel(Regressor):
@@ -19,14 +20,16 @@ class LinearModel(Regressor):
         self.ridge = ridge
 
     def settings(self) -> dict[str, Any]:
+        """What it was made with, as JSON data."""
         return {"ridge": self.ridge}
 
     def shapes(self, inputs: int, outputs: int) -> Shapes:
+        """The shape of each array but the scales; -1 = any number of rows."""
         return {"a": (inputs, outputs)}
 
-    def _fit(self, X: Vector, Y: Vector) -> Arrays:
+    def _fit(self, X: Floats, Y: Floats) -> Arrays:
         return {"a": ridge_solution(X, Y, self.ridge)}
 
-    def _predict(self, X: Vector) -> Vector:
-        answer: Vector = X @ self.arrays["a"]
+    def _predict(self, X: Floats) -> Floats:
+        answer: Floats = X @ self.arrays["a"]
         return answer

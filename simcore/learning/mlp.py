@@ -8,10 +8,11 @@ from typing import Any
 
 import numpy as np
 
-from simcore.learning.regressor import Arrays, DataError, Regressor, Shapes, Vector
+from simcore.arrays import Floats
+from simcore.learning.regressor import Arrays, DataError, Regressor, Shapes
 
-Layers = list[tuple[Vector, Vector]]  # weights (from, to) and biases (to,) of each layer
-Trainer = Callable[[Vector, Vector, tuple[int, ...], int], Layers]
+Layers = list[tuple[Floats, Floats]]  # weights (from, to) and biases (to,) of each layer
+Trainer = Callable[[Floats, Floats, tuple[int, ...], int], Layers]
 
 
 class MultilayerPerceptron(Regressor):
@@ -29,24 +30,26 @@ class MultilayerPerceptron(Regressor):
         self.hidden, self.seed, self.trainer = tuple(hidden), seed, trainer
 
     def settings(self) -> dict[str, Any]:
+        """What it was made with, as JSON data."""
         return {"hidden": list(self.hidden), "seed": self.seed}
 
     def shapes(self, inputs: int, outputs: int) -> Shapes:
+        """The shape of each array but the scales; -1 = any number of rows."""
         found: Shapes = {}
         for i, (before, after) in enumerate(pairwise((inputs, *self.hidden, outputs))):
             found |= {f"w{i}": (before, after), f"b{i}": (after,)}
         return found
 
-    def _fit(self, X: Vector, Y: Vector) -> Arrays:
+    def _fit(self, X: Floats, Y: Floats) -> Arrays:
         if self.trainer is None:
             raise DataError("a multilayer perceptron needs a trainer to be fitted")
         layers = self.trainer(X, Y, self.hidden, self.seed)
         return {name: array for i, (w, b) in enumerate(layers) for name, array in ((f"w{i}", w), (f"b{i}", b))}
 
-    def _predict(self, X: Vector) -> Vector:
+    def _predict(self, X: Floats) -> Floats:
         a, last = self.arrays, len(self.hidden)
         h = X
         for i in range(last):
             h = np.tanh(h @ a[f"w{i}"] + a[f"b{i}"])
-        answer: Vector = h @ a[f"w{last}"] + a[f"b{last}"]
+        answer: Floats = h @ a[f"w{last}"] + a[f"b{last}"]
         return answer

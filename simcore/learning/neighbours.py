@@ -8,7 +8,8 @@ from typing import Any
 import numpy as np
 from scipy.spatial import cKDTree
 
-from simcore.learning.regressor import Arrays, DataError, Regressor, Shapes, Vector
+from simcore.arrays import Floats
+from simcore.learning.regressor import Arrays, DataError, Regressor, Shapes
 
 
 class NearestNeighbours(Regressor):
@@ -23,12 +24,14 @@ class NearestNeighbours(Regressor):
         self.neighbours = neighbours
 
     def settings(self) -> dict[str, Any]:
+        """What it was made with, as JSON data."""
         return {"neighbours": self.neighbours}
 
     def shapes(self, inputs: int, outputs: int) -> Shapes:
+        """The shape of each array but the scales; -1 = any number of rows."""
         return {"x": (-1, inputs), "y": (-1, outputs)}
 
-    def _fit(self, X: Vector, Y: Vector) -> Arrays:
+    def _fit(self, X: Floats, Y: Floats) -> Arrays:
         self.__dict__.pop("_tree", None)
         return {"x": X, "y": Y}
 
@@ -36,8 +39,8 @@ class NearestNeighbours(Regressor):
     def _tree(self) -> Any:
         return cKDTree(self.arrays["x"])
 
-    def _predict(self, X: Vector) -> Vector:
+    def _predict(self, X: Floats) -> Floats:
         near = min(self.neighbours, len(self.arrays["x"]))
         found = self._tree.query(X, k=list(range(1, near + 1)))[1]
-        answer: Vector = np.mean(self.arrays["y"][found], axis=1)
+        answer: Floats = np.mean(self.arrays["y"][found], axis=1)
         return answer

@@ -6,12 +6,11 @@ from abc import ABC, abstractmethod
 from typing import Any, ClassVar, Self
 
 import numpy as np
-from numpy.typing import NDArray
 
+from simcore.arrays import Floats
 from simcore.errors import NeedlebenchError
 
-Vector = NDArray[np.float64]
-Arrays = dict[str, Vector]
+Arrays = dict[str, Floats]
 Shapes = dict[str, tuple[int, ...]]
 
 SCALES = ("input_mean", "input_scale", "output_mean", "output_scale")
@@ -38,14 +37,14 @@ class Regressor(ABC):
         """The shape of each array but the scales; -1 = any number of rows, at least one."""
 
     @abstractmethod
-    def _fit(self, X: Vector, Y: Vector) -> Arrays:
+    def _fit(self, X: Floats, Y: Floats) -> Arrays:
         """Learn from standardised data."""
 
     @abstractmethod
-    def _predict(self, X: Vector) -> Vector:
+    def _predict(self, X: Floats) -> Floats:
         """Answer standardised inputs (n, inputs)."""
 
-    def fit(self, X: Vector, Y: Vector) -> Self:
+    def fit(self, X: Floats, Y: Floats) -> Self:
         """Learn Y (n, outputs) from X (n, inputs). Raises DataError for rows that do not match or are not finite."""
         X, Y = finite(X, "X"), finite(Y, "Y")
         if len(X) != len(Y):
@@ -61,7 +60,7 @@ class Regressor(ABC):
         self.arrays = arrays
         return self
 
-    def predict(self, X: Vector) -> Vector:
+    def predict(self, X: Floats) -> Floats:
         """Y (n, outputs) at X (n, inputs). Raises DataError for another width."""
         a = self.arrays
         if not a:
@@ -73,14 +72,16 @@ class Regressor(ABC):
 
     @property
     def inputs(self) -> int:
+        """Number of inputs that it was trained with."""
         return len(self.arrays["input_mean"])
 
     @property
     def outputs(self) -> int:
+        """Number of outputs that it was trained with."""
         return len(self.arrays["output_mean"])
 
 
-def finite(values: Vector, name: str) -> Vector:
+def finite(values: Floats, name: str) -> Floats:
     """A finite table (n, width) of float64. Raises DataError with the first row that is not finite."""
     table = np.asarray(values, dtype=np.float64)
     if table.ndim != 2:
@@ -91,14 +92,14 @@ def finite(values: Vector, name: str) -> Vector:
     return table
 
 
-def spread_of(table: Vector) -> Vector:
+def spread_of(table: Floats) -> Floats:
     """Standard deviation of each column; 1 for a column that does not change."""
     spread = table.std(axis=0)
     constant = spread <= 1e-12 * np.abs(table).max(axis=0)
     return np.where(constant, 1.0, spread)
 
 
-def ridge_solution(H: Vector, Y: Vector, ridge: float) -> Vector:
+def ridge_solution(H: Floats, Y: Floats, ridge: float) -> Floats:
     """(columns, outputs): argmin |H B - Y|^2 + ridge n |B|^2, by a QR-based least-squares solve of the stacked system.
 
     The normal equations would square the condition number of H, which is large for random sigmoid features.
@@ -106,5 +107,5 @@ def ridge_solution(H: Vector, Y: Vector, ridge: float) -> Vector:
     columns = H.shape[1]
     stacked = np.vstack([H, np.sqrt(ridge * len(H)) * np.eye(columns)])
     right = np.vstack([Y, np.zeros((columns, Y.shape[1]))])
-    solution: Vector = np.linalg.lstsq(stacked, right, rcond=None)[0]
+    solution: Floats = np.linalg.lstsq(stacked, right, rcond=None)[0]
     return solution

@@ -11,13 +11,14 @@ from typing import Any
 
 import numpy as np
 
+from simcore.arrays import Floats
 from simcore.errors import NeedlebenchError, Problem, ScenarioError
 from simcore.file_names import located
 from simcore.learning.elm import ExtremeLearningMachine
 from simcore.learning.linear import LinearModel
 from simcore.learning.mlp import MultilayerPerceptron
 from simcore.learning.neighbours import NearestNeighbours
-from simcore.learning.regressor import SCALES, Arrays, DataError, Regressor, Vector
+from simcore.learning.regressor import SCALES, Arrays, DataError, Regressor
 
 FORMAT = "needlebench/model"
 VERSION = 1
@@ -33,7 +34,7 @@ REGRESSORS: dict[str, type[Regressor]] = {
 }
 
 
-class ModelFault(NeedlebenchError, ValueError):
+class ModelFaultError(NeedlebenchError, ValueError):
     """A text that is no usable model; the message says what is wrong with it."""
 
 
@@ -60,20 +61,22 @@ class TrainedModel:
 
 
 def parse_model(data: bytes, kind: str) -> TrainedModel:
-    """The model in the content of a file, which must be of this kind. Raises ModelFault."""
+    """The model in the content of a file, which must be of this kind. Raises ModelFaultError."""
     content = _object(data)
     if content.get("format") != FORMAT:
-        raise ModelFault(f"is not a model: its format is {content.get('format')!r}, not {FORMAT!r}")
+        raise ModelFaultError(f"is not a model: its format is {content.get('format')!r}, not {FORMAT!r}")
     if content.get("version") != VERSION:
-        raise ModelFault(f"is a model of version {content.get('version')!r}; this program reads version {VERSION}")
+        raise ModelFaultError(f"is a model of version {content.get('version')!r}; this program reads version {VERSION}")
     if content.get("kind") != kind:
-        raise ModelFault(f"is a model of kind {content.get('kind')!r}, not {kind!r}")
+        raise ModelFaultError(f"is a model of kind {content.get('kind')!r}, not {kind!r}")
     width = (content.get("inputs"), content.get("outputs"))
     if width != (INPUTS, OUTPUTS):
-        raise ModelFault(f"has {width[0]} inputs and {width[1]} outputs; a controller needs {INPUTS} and {OUTPUTS}")
+        raise ModelFaultError(
+            f"has {width[0]} inputs and {width[1]} outputs; a controller needs {INPUTS} and {OUTPUTS}"
+        )
     provenance = content.get("provenance")
     if not isinstance(provenance, dict):
-        raise ModelFault("has no provenance")
+        raise ModelFaultError("has no provenance")
     regressor = _built(kind, content.get("settings"))
     return TrainedModel(regressor.keep(_arrays(content.get("arrays"), regressor)), provenance)
 
@@ -82,9 +85,9 @@ def _object(data: bytes) -> dict[str, Any]:
     try:
         content = json.loads(data)
     except (ValueError, RecursionError) as error:
-        raise ModelFault(f"is not readable JSON: {error}") from None
+        raise ModelFaultError(f"is not readable JSON: {error}") from None
     if not isinstance(content, dict):
-        raise ModelFault("must hold a JSON object")
+        raise ModelFaultError("must hold a JSON object")
     return content
 
 
@@ -92,32 +95,32 @@ def _built(kind: str, settings: Any) -> Regressor:
     try:
         return REGRESSORS[kind](**settings)
     except (DataError, TypeError, ValueError) as error:
-        raise ModelFault(f"has settings that cannot be: {error}") from None
+        raise ModelFaultError(f"has settings that cannot be: {error}") from None
 
 
 def _arrays(found: Any, regressor: Regressor) -> Arrays:
     scales = (("input_mean", INPUTS), ("input_scale", INPUTS), ("output_mean", OUTPUTS), ("output_scale", OUTPUTS))
     shapes = {**{name: (width,) for name, width in scales}, **regressor.shapes(INPUTS, OUTPUTS)}
     if not isinstance(found, dict) or set(found) != set(shapes):
-        raise ModelFault(f"must have exactly the arrays {', '.join(shapes)}")
+        raise ModelFaultError(f"must have exactly the arrays {', '.join(shapes)}")
     arrays = {name: _array(name, found[name], shape) for name, shape in shapes.items()}
     rows = {len(arrays[name]) for name, shape in shapes.items() if shape[0] == -1}
     if len(rows) > 1:
-        raise ModelFault(f"has arrays of {' and '.join(str(n) for n in sorted(rows))} rows that must be as long")
+        raise ModelFaultError(f"has arrays of {' and '.join(str(n) for n in sorted(rows))} rows that must be as long")
     if any((arrays[name] <= 0.0).any() for name in SCALES if name.endswith("scale")):
-        raise ModelFault("has a scale that is not above 0")
+        raise ModelFaultError("has a scale that is not above 0")
     return arrays
 
 
-def _array(name: str, value: Any, shape: tuple[int, ...]) -> Vector:
+def _array(name: str, value: Any, shape: tuple[int, ...]) -> Floats:
     try:
         array = np.array(value, dtype=np.float64)
     except (TypeError, ValueError):
-        raise ModelFault(f"array {name} is not made of numbers") from None
+        raise ModelFaultError(f"array {name} is not made of numbers") from None
     if array.ndim != len(shape) or array.size == 0 or any(n not in (-1, m) for n, m in zip(shape, array.shape)):  # noqa: B905
-        raise ModelFault(f"array {name} has the shape {array.shape}, not {shape}")
+        raise ModelFaultError(f"array {name} has the shape {array.shape}, not {shape}")
     if not np.isfinite(array).all():
-        raise ModelFault(f"array {name} holds values that are not finite")
+        raise ModelFaultError(f"array {name} holds values that are not finite")
     return array
 
 
@@ -137,7 +140,7 @@ def model_digest(kind: str, name: str, sha256: str | None) -> str:
     if (kind, found) not in _known:
         try:
             model = parse_model(data, kind)
-        except ModelFault as wrong:
+        except ModelFaultError as wrong:
             raise ScenarioError([Problem(FIELD, name, str(wrong))]) from None
         while len(_known) >= _MOST_KNOWN:
             del _known[next(iter(_known))]

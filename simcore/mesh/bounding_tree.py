@@ -9,12 +9,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from simcore.arrays import Floats, Ints
 from simcore.compiled import kernel
-
-Vector = NDArray[np.float64]
-Indices = NDArray[np.int64]
 
 LEAF = 8
 
@@ -23,12 +20,12 @@ LEAF = 8
 class BoundingTree:
     """low, high: (2 leaves, 3) m, corners of each node's box; items: (leaves, LEAF) item numbers, -1 = none."""
 
-    low: Vector
-    high: Vector
-    items: Indices
+    low: Floats
+    high: Floats
+    items: Ints
 
     @classmethod
-    def of(cls, corners: Vector) -> BoundingTree:
+    def of(cls, corners: Floats) -> BoundingTree:
         """The tree over items with corners (n, k, 3) m; n at least 1."""
         low, high = corners.min(axis=1), corners.max(axis=1)
         items = _grouped(0.5 * (low + high))
@@ -43,7 +40,7 @@ class BoundingTree:
         return cls(np.concatenate(lows), np.concatenate(highs), items)
 
 
-def _grouped(middles: Vector) -> Indices:
+def _grouped(middles: Floats) -> Ints:
     """(leaves, LEAF) numbers of the items with middles (n, 3), -1 where there are none left."""
     leaves = 1
     while leaves * LEAF < len(middles):
@@ -62,7 +59,7 @@ def _grouped(middles: Vector) -> Indices:
 
 
 @kernel
-def squared_distance(point: Vector, low: Vector, high: Vector) -> float:
+def squared_distance(point: Floats, low: Floats, high: Floats) -> float:
     """Squared distance of a point (3,) from the box [low, high]; 0 inside, infinite for the box of nothing."""
     total = 0.0
     for a in range(3):

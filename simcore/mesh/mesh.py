@@ -9,19 +9,16 @@ from itertools import permutations
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from simcore.arrays import Floats, Ints
 from simcore.compiled import kernel
-
-Vector = NDArray[np.float64]
-Indices = NDArray[np.int64]
 
 
 class BoxGeometry(NamedTuple):
     """What kernels know of a box: edges (3,) m and cells (3,)."""
 
-    size_m: Vector
-    cells: Indices
+    size_m: Floats
+    cells: Ints
 
 
 @dataclass(frozen=True)
@@ -32,11 +29,11 @@ class Mesh(ABC):
     faces: flat sides x_min ... z_max of the bounding box that the mesh has -> their nodes; sets: named nodes of a file.
     """
 
-    nodes_m: Vector
-    tets: Indices
-    surface_triangles: Indices
-    faces: dict[str, Indices]
-    sets: dict[str, Indices]
+    nodes_m: Floats
+    tets: Ints
+    surface_triangles: Ints
+    faces: dict[str, Ints]
+    sets: dict[str, Ints]
 
     @property
     @abstractmethod
@@ -44,12 +41,12 @@ class Mesh(ABC):
         """The tables of its kernels: BoxGeometry or TetSearch."""
 
     @abstractmethod
-    def locate(self, point_m: Vector) -> tuple[Indices, Vector]:
+    def locate(self, point_m: Floats) -> tuple[Ints, Floats]:
         """The four nodes around a point (3,) m and its linear shape functions (4,); outside, those of the nearest
         point of the mesh."""
 
     @abstractmethod
-    def node_orders(self, held: Indices) -> list[Indices]:
+    def node_orders(self, held: Ints) -> list[Ints]:
         """Orders of all nodes but the held ones that keep coupled nodes close (a narrow band)."""
 
     @abstractmethod
@@ -57,14 +54,14 @@ class Mesh(ABC):
         """A bound on the number of nodes whose shape functions reach into a ball of radius_m anywhere."""
 
     @abstractmethod
-    def inward_normal(self, point_m: Vector) -> Vector:
+    def inward_normal(self, point_m: Floats) -> Floats:
         """(3,) unit normal, into the mesh, of the surface nearest to a point (3,) m."""
 
     @abstractmethod
-    def outside_by(self, points_m: Vector) -> Vector:
+    def outside_by(self, points_m: Floats) -> Floats:
         """(n,) m: distances of points (n, 3), rest space, from the mesh; 0 inside."""
 
-    def material(self, points_m: Vector) -> MaterialPoints:
+    def material(self, points_m: Floats) -> MaterialPoints:
         """The material points that are at points_m (k, 3) m at rest."""
         nodes, weights = zip(*(self.locate(point) for point in points_m), strict=True)
         return MaterialPoints(points_m, np.array(nodes), np.array(weights))
@@ -74,13 +71,13 @@ class Mesh(ABC):
 class MaterialPoints:
     """Points fixed in the material: rest_m (k, 3) m, carried by nodes (k, 4) with weights (k, 4)."""
 
-    rest_m: Vector
-    nodes: Indices
-    weights: Vector
+    rest_m: Floats
+    nodes: Ints
+    weights: Floats
 
-    def positions(self, x: Vector, rest_nodes_m: Vector) -> Vector:
+    def positions(self, x: Floats, rest_nodes_m: Floats) -> Floats:
         """(k, 3) m where they are when the nodes are at x (n, 3) m."""
-        moved: Vector = self.rest_m + np.einsum("ka,kai->ki", self.weights, (x - rest_nodes_m)[self.nodes])
+        moved: Floats = self.rest_m + np.einsum("ka,kai->ki", self.weights, (x - rest_nodes_m)[self.nodes])
         return moved
 
 
@@ -92,38 +89,42 @@ class BoxMesh(Mesh):
     a reflected tip. Its nodes are numbered x fastest; the entry face is z = 0.
     """
 
-    size_m: Vector
+    size_m: Floats
     cells: tuple[int, int, int]
 
     @cached_property
     def geometry(self) -> BoxGeometry:
+        """Edges and cells."""
         return BoxGeometry(self.size_m, np.array(self.cells))
 
-    def locate(self, point_m: Vector) -> tuple[Indices, Vector]:
+    def locate(self, point_m: Floats) -> tuple[Ints, Floats]:
+        """In the tetrahedron of the point's cell; a point outside is moved onto the box."""
         nodes, weights = np.empty(4, np.int64), np.empty(4)
         locate(point_m, *self.geometry, nodes, weights)
         return nodes, weights
 
-    def node_orders(self, held: Indices) -> list[Indices]:
+    def node_orders(self, held: Ints) -> list[Ints]:
         """Plane by plane along the longest axis."""
         slowest_last = np.argsort(self.cells, kind="stable")
         order = np.lexsort([self.nodes_m[:, axis] for axis in slowest_last])
         return [order[~np.isin(order, held)]]
 
     def nodes_touched(self, radius_m: float) -> int:
+        """Of the cells that a cube of twice the radius can cut."""
         edges = self.size_m / self.cells
         return int(np.prod(np.floor(2 * radius_m / edges) + 3))
 
-    def inward_normal(self, point_m: Vector) -> Vector:
+    def inward_normal(self, point_m: Floats) -> Floats:
         """Of the entry face, wherever the point is."""
+        del point_m
         return np.array([0.0, 0.0, 1.0])
 
-    def outside_by(self, points_m: Vector) -> Vector:
+    def outside_by(self, points_m: Floats) -> Floats:
         """(n,) m: distances of points (n, 3), rest space, from the box; 0 inside."""
         return np.asarray(np.linalg.norm(points_m - np.clip(points_m, 0.0, self.size_m), axis=1))
 
 
-def box_mesh(size_m: Vector, cells: tuple[int, int, int]) -> BoxMesh:
+def box_mesh(size_m: Floats, cells: tuple[int, int, int]) -> BoxMesh:
     """The mirrored Kuhn mesh of a box; six tetrahedra a cell."""
     axes = [np.linspace(0.0, edge, count + 1) for edge, count in zip(size_m, cells, strict=True)]
     z, y, x = np.meshgrid(axes[2], axes[1], axes[0], indexing="ij")
@@ -132,13 +133,13 @@ def box_mesh(size_m: Vector, cells: tuple[int, int, int]) -> BoxMesh:
     return BoxMesh(nodes, tets, surface_of(tets), _faces(cells), {}, np.asarray(size_m, float), cells)
 
 
-def _node_index(corner: Indices, cells: tuple[int, int, int]) -> Indices:
+def _node_index(corner: Ints, cells: tuple[int, int, int]) -> Ints:
     """(n,) node numbers of the grid corners (n, 3)."""
-    index: Indices = corner @ np.array([1, cells[0] + 1, (cells[0] + 1) * (cells[1] + 1)])
+    index: Ints = corner @ np.array([1, cells[0] + 1, (cells[0] + 1) * (cells[1] + 1)])
     return index
 
 
-def _kuhn_tets(cells: tuple[int, int, int]) -> Indices:
+def _kuhn_tets(cells: tuple[int, int, int]) -> Ints:
     """(6 cells, 4) corners: each tetrahedron walks from a cell's corner to the opposite one, one axis at a time."""
     k, j, i = (a.ravel() for a in np.meshgrid(*(np.arange(c) for c in cells[::-1]), indexing="ij"))
     cell = np.column_stack([i, j, k])
@@ -154,7 +155,7 @@ def _kuhn_tets(cells: tuple[int, int, int]) -> Indices:
     return np.stack(tets, axis=1).reshape(-1, 4)
 
 
-def oriented(nodes: Vector, tets: Indices) -> Indices:
+def oriented(nodes: Floats, tets: Ints) -> Ints:
     """Swap two corners wherever the volume is negative; tets is changed."""
     edges = nodes[tets[:, 1:]] - nodes[tets[:, :1]]
     flipped = np.linalg.det(edges) < 0
@@ -162,7 +163,7 @@ def oriented(nodes: Vector, tets: Indices) -> Indices:
     return tets
 
 
-def _faces(cells: tuple[int, int, int]) -> dict[str, Indices]:
+def _faces(cells: tuple[int, int, int]) -> dict[str, Ints]:
     nx, ny, nz = cells
     grid = np.arange((nx + 1) * (ny + 1) * (nz + 1)).reshape(nz + 1, ny + 1, nx + 1)
     return {
@@ -175,16 +176,16 @@ def _faces(cells: tuple[int, int, int]) -> dict[str, Indices]:
     }
 
 
-def surface_of(tets: Indices) -> Indices:
+def surface_of(tets: Ints) -> Ints:
     """(triangles, 3): faces that belong to one tetrahedron only, seen counter-clockwise from outside."""
     triangles = np.concatenate([tets[:, [1, 2, 3]], tets[:, [0, 3, 2]], tets[:, [0, 1, 3]], tets[:, [0, 2, 1]]])
     _, first, count = np.unique(np.sort(triangles, axis=1), axis=0, return_index=True, return_counts=True)
-    outer: Indices = triangles[np.sort(first[count == 1])]
+    outer: Ints = triangles[np.sort(first[count == 1])]
     return outer
 
 
 @kernel
-def locate(point: Vector, size_m: Vector, cells: Indices, nodes: Indices, weights: Vector) -> None:
+def locate(point: Floats, size_m: Floats, cells: Ints, nodes: Ints, weights: Floats) -> None:
     """The four nodes around a point of the box and their linear shape functions there.
 
     point: (3,) m, rest space, moved onto the box if outside. nodes, weights: (4,), written.

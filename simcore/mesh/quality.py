@@ -3,12 +3,10 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
-Vector = NDArray[np.float64]
-Indices = NDArray[np.int64]
+from simcore.arrays import Floats, Ints
 
 SIZE_MM = (10.0, 500.0)  # edges of the bounding box, as of the built-in block
 ELEMENT_MM = (1.0, 50.0)  # mean element, as of the built-in block
@@ -16,14 +14,14 @@ FARTHEST_MM = 10_000.0
 FLATTEST = 1e-3  # least 6 sqrt(2) V / l^3, l the root mean square edge: 1 for a regular tetrahedron
 
 
-def fault_of_mesh(nodes_m: Vector, tets: Indices) -> str | None:
+def fault_of_mesh(nodes_m: Floats, tets: Ints) -> str | None:
     """What is wrong with the mesh of nodes (n, 3) m, all used, and tetrahedra (t, 4) of any orientation."""
     if not np.isfinite(nodes_m).all():
         return f"has a point that is not finite: {_listed(nodes_m[~np.isfinite(nodes_m).all(axis=1)][0])} m"
     return _fault_of_size(nodes_m) or _fault_of_tets(nodes_m, tets) or _fault_of_joints(tets)
 
 
-def _fault_of_size(nodes_m: Vector) -> str | None:
+def _fault_of_size(nodes_m: Floats) -> str | None:
     low, high = 1e3 * nodes_m.min(axis=0), 1e3 * nodes_m.max(axis=0)
     size = np.round(high - low, 6)
     if size.min() < SIZE_MM[0] or size.max() > SIZE_MM[1]:
@@ -36,7 +34,7 @@ def _fault_of_size(nodes_m: Vector) -> str | None:
     return None
 
 
-def _fault_of_tets(nodes_m: Vector, tets: Indices) -> str | None:
+def _fault_of_tets(nodes_m: Floats, tets: Ints) -> str | None:
     corners = nodes_m[tets]
     volumes = np.abs(np.linalg.det(corners[:, 1:] - corners[:, :1])) / 6.0
     pairs = [(a, b) for a in range(4) for b in range(a)]
@@ -52,7 +50,7 @@ def _fault_of_tets(nodes_m: Vector, tets: Indices) -> str | None:
     return None
 
 
-def _fault_of_joints(tets: Indices) -> str | None:
+def _fault_of_joints(tets: Ints) -> str | None:
     """Two tetrahedra share whole faces, and every one is reached from every other through faces."""
     triangles = np.sort(
         np.concatenate([tets[:, [1, 2, 3]], tets[:, [0, 2, 3]], tets[:, [0, 1, 3]], tets[:, [0, 1, 2]]])
@@ -70,5 +68,5 @@ def _fault_of_joints(tets: Indices) -> str | None:
     return None
 
 
-def _listed(values: Vector) -> str:
+def _listed(values: Floats) -> str:
     return "[" + ", ".join(f"{value:.6g}" for value in values) + "]"

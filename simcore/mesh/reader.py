@@ -22,15 +22,12 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from simcore.arrays import Floats, Ints
 from simcore.errors import Problem, ScenarioError
 from simcore.file_names import located
 from simcore.mesh.quality import fault_of_mesh
 from simcore.mesh.tet_mesh import TetMesh
-
-Vector = NDArray[np.float64]
-Indices = NDArray[np.int64]
 
 FORMATS = {
     ".msh": ("gmsh", "ansys"),
@@ -101,7 +98,7 @@ def load_mesh(path: str, *, unit_mm: float, names: tuple[str, ...], sha256: str 
         raise fault(path, f"has changed: its SHA-256 is {content.sha256}, tissue.mesh_sha256 is {sha256}")
     try:
         return _mesh_of(content, unit_mm, names)
-    except _Fault as wrong:
+    except _MeshFaultError as wrong:
         raise fault(path, str(wrong)) from None
 
 
@@ -111,12 +108,12 @@ def counts_of(path: str) -> tuple[int, int]:
     content = MeshFile.read(path)
     try:
         points, tets = _tetrahedra(_parsed(content))
-    except _Fault as wrong:
+    except _MeshFaultError as wrong:
         raise fault(path, str(wrong)) from None
     return len(points), len(tets)
 
 
-class _Fault(Exception):
+class _MeshFaultError(Exception):
     """What is wrong with the content of a mesh file."""
 
 
@@ -129,12 +126,12 @@ def _mesh_of(content: MeshFile, unit_mm: float, names: tuple[str, ...]) -> TetMe
     nodes, tets = np.ascontiguousarray(points[used] * (unit_mm * 1e-3)), numbered.reshape(tets.shape)
     wrong = fault_of_mesh(nodes, tets)
     if wrong is not None:
-        raise _Fault(wrong)
+        raise _MeshFaultError(wrong)
     return TetMesh.of(nodes, tets, {name: _set(raw, name, used, content.name) for name in names})
 
 
 def _parsed(content: MeshFile) -> Any:
-    """meshio's mesh. Its readers print, warn, exit and raise anything at all; here that becomes one fault."""
+    """The mesh as meshio has it. Its readers print, warn, exit and raise anything; here that is one fault."""
     formats, reasons = FORMATS[content.suffix], []
     with tempfile.TemporaryDirectory(prefix="needlebench-mesh-") as folder:
         copy = Path(folder) / f"mesh{content.suffix}"  # what is read is what was hashed
@@ -146,7 +143,7 @@ def _parsed(content: MeshFile) -> Any:
                 lines = str(error).replace(str(copy), content.name).strip().splitlines()
                 reasons += [] if isinstance(error, SystemExit) else lines[:1]
     reason = f": {reasons[0][:100]}" if reasons else ""
-    raise _Fault(f"is not a readable {' or '.join(formats)} mesh{reason}")
+    raise _MeshFaultError(f"is not a readable {' or '.join(formats)} mesh{reason}")
 
 
 def _read_quietly(path: Path, kind: str) -> Any:
@@ -158,29 +155,31 @@ def _read_quietly(path: Path, kind: str) -> Any:
         return meshio.read(path, file_format=kind)
 
 
-def _tetrahedra(raw: Any) -> tuple[Vector, Indices]:
+def _tetrahedra(raw: Any) -> tuple[Floats, Ints]:
     """Points (n, 3) in the file's unit and linear tetrahedra (t, 4) into them."""
     points = np.asarray(raw.points)
     solids = [block for block in raw.cells if block.type.startswith(SOLIDS)]
     others = sorted({block.type for block in solids} - {"tetra"})
     tets = [np.asarray(block.data) for block in solids if block.type == "tetra" and len(block.data)]
     if others:
-        raise _Fault(f"must hold linear tetrahedra and no other solid cells; it holds {', '.join(others)}")
+        raise _MeshFaultError(f"must hold linear tetrahedra and no other solid cells; it holds {', '.join(others)}")
     if not tets:
         held = ", ".join(sorted({block.type for block in raw.cells})) or "no cells"
-        raise _Fault(f"must hold tetrahedra; it holds {held}")
+        raise _MeshFaultError(f"must hold tetrahedra; it holds {held}")
     cells = np.concatenate(tets).astype(np.int64)
     if len(cells) > MAXIMUM_TETS:
-        raise _Fault(f"holds {len(cells)} tetrahedra, at most {MAXIMUM_TETS} are allowed")
+        raise _MeshFaultError(f"holds {len(cells)} tetrahedra, at most {MAXIMUM_TETS} are allowed")
     if points.ndim != 2 or points.shape[1] != 3 or points.dtype.kind not in "fiu":
-        raise _Fault(f"must hold points with three coordinates; its points are an array of shape {points.shape}")
+        raise _MeshFaultError(
+            f"must hold points with three coordinates; its points are an array of shape {points.shape}"
+        )
     if cells.min() < 0 or cells.max() >= len(points):
         wrong = cells.max() if cells.max() >= len(points) else cells.min()
-        raise _Fault(f"has a tetrahedron with node {wrong}; its points are 0 to {len(points) - 1}")
+        raise _MeshFaultError(f"has a tetrahedron with node {wrong}; its points are 0 to {len(points) - 1}")
     return points.astype(np.float64), cells
 
 
-def _set(raw: Any, name: str, used: Indices, file: str) -> Indices:
+def _set(raw: Any, name: str, used: Ints, file: str) -> Ints:
     """The nodes of a named set, numbered as in the mesh. Raises ScenarioError for a name that the file has not."""
     found = next((nodes for nodes in (look(raw, name) for look in LOOKUPS) if nodes is not None), None)
     if found is None:
@@ -188,7 +187,7 @@ def _set(raw: Any, name: str, used: Indices, file: str) -> Indices:
         more = f" and {len(known) - NAMES_SHOWN} more" if len(known) > NAMES_SHOWN else ""
         has = ", ".join(known[:NAMES_SHOWN]) + more if known else "no names"
         raise ScenarioError([Problem("tissue.fixed_sets", name, f"is not in {file}, which has {has}")])
-    inside: Indices = np.flatnonzero(np.isin(used, found))
+    inside: Ints = np.flatnonzero(np.isin(used, found))
     if not len(inside):
         raise ScenarioError(
             [Problem("tissue.fixed_sets", name, f"is empty: it holds no node of a tetrahedron of {file}")]
@@ -206,25 +205,25 @@ def _known(raw: Any) -> list[str]:
     return [*raw.point_sets, *sorted({*cell_sets, *raw.field_data}), *numbered]
 
 
-def _nodes_of_cells(raw: Any, chosen: Callable[[int, Any], Any]) -> Indices | None:
+def _nodes_of_cells(raw: Any, chosen: Callable[[int, Any], Any]) -> Ints | None:
     """Nodes of the cells that `chosen` (block number, block) -> mask or indices picks; None for no cell at all."""
     picked = [np.asarray(block.data)[chosen(i, block)].ravel() for i, block in enumerate(raw.cells)]
     nodes = np.concatenate(picked) if picked else np.zeros(0, np.int64)
     return np.unique(nodes) if len(nodes) else None
 
 
-def _node_set(raw: Any, name: str) -> Indices | None:
+def _node_set(raw: Any, name: str) -> Ints | None:
     return np.asarray(raw.point_sets[name]) if name in raw.point_sets else None
 
 
-def _cell_set(raw: Any, name: str) -> Indices | None:
+def _cell_set(raw: Any, name: str) -> Ints | None:
     if name not in raw.cell_sets:
         return None
     members = [np.zeros(0, np.int64) if m is None else np.asarray(m, np.int64) for m in raw.cell_sets[name]]
-    return _nodes_of_cells(raw, lambda i, block: members[i])
+    return _nodes_of_cells(raw, lambda i, _: members[i])
 
 
-def _physical_group(raw: Any, name: str) -> Indices | None:
+def _physical_group(raw: Any, name: str) -> Ints | None:
     if name not in raw.field_data or "gmsh:physical" not in raw.cell_data:
         return None
     tag, dimension = (int(number) for number in raw.field_data[name])
@@ -232,22 +231,22 @@ def _physical_group(raw: Any, name: str) -> Indices | None:
     return _nodes_of_cells(raw, lambda i, block: (np.asarray(tags[i]) == tag) & (block.dim == dimension))
 
 
-def _numbered(raw: Any, name: str) -> Indices | None:
+def _numbered(raw: Any, name: str) -> Ints | None:
     key, equals, number = name.rpartition("=")
     if not equals or not number.lstrip("-").isdecimal():
         return None
     return _where(raw, key, lambda values: values == int(number))
 
 
-def _marked(raw: Any, name: str) -> Indices | None:
+def _marked(raw: Any, name: str) -> Ints | None:
     return _where(raw, name, lambda values: values != 0)
 
 
-def _where(raw: Any, key: str, test: Callable[[Any], Any]) -> Indices | None:
+def _where(raw: Any, key: str, test: Callable[[Any], Any]) -> Ints | None:
     if key in raw.point_data and np.ndim(raw.point_data[key]) == 1:
         return np.flatnonzero(test(np.asarray(raw.point_data[key])))
     if key in raw.cell_data and all(np.ndim(values) == 1 for values in raw.cell_data[key]):
-        return _nodes_of_cells(raw, lambda i, block: test(np.asarray(raw.cell_data[key][i])))
+        return _nodes_of_cells(raw, lambda i, _: test(np.asarray(raw.cell_data[key][i])))
     return None
 
 

@@ -5,16 +5,13 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import reverse_cuthill_mckee
 from scipy.spatial import cKDTree
 
+from simcore.arrays import Floats, Ints
 from simcore.mesh.mesh import Mesh, oriented, surface_of
 from simcore.mesh.tet_search import TetSearch, locate_in_tets, nearest_triangle, outside_by
-
-Vector = NDArray[np.float64]
-Indices = NDArray[np.int64]
 
 FLAT = 1e-6  # a node so near to a side of the bounding box, relative to its longest edge, lies in it
 
@@ -27,17 +24,18 @@ class TetMesh(Mesh):
 
     @property
     def geometry(self) -> TetSearch:
+        """The search trees."""
         return self.search
 
     @classmethod
-    def of(cls, nodes_m: Vector, tets: Indices, sets: dict[str, Indices]) -> TetMesh:
+    def of(cls, nodes_m: Floats, tets: Ints, sets: dict[str, Ints]) -> TetMesh:
         """Build from nodes (n, 3) m and tetrahedra (t, 4) in any orientation, none degenerate."""
         tets = oriented(nodes_m, np.array(tets, np.int64))
         surface = surface_of(tets)
         return cls(nodes_m, tets, surface, _flat_sides(nodes_m, surface), sets, TetSearch.of(nodes_m, tets, surface))
 
     @property
-    def size_m(self) -> Vector:
+    def size_m(self) -> Floats:
         """(3,) m edges of the bounding box."""
         return np.asarray(np.ptp(self.nodes_m, axis=0))
 
@@ -47,30 +45,32 @@ class TetMesh(Mesh):
         edges = self.nodes_m[self.tets[:, 1:]] - self.nodes_m[self.tets[:, :1]]
         return float(np.cbrt(np.linalg.det(edges).mean()))
 
-    def locate(self, point_m: Vector) -> tuple[Indices, Vector]:
+    def locate(self, point_m: Floats) -> tuple[Ints, Floats]:
+        """In the tetrahedron around the point; outside, in the one of the nearest point of the surface."""
         nodes, weights = np.empty(4, np.int64), np.empty(4)
         locate_in_tets(self.search, point_m, -1, nodes, weights)
         return nodes, weights
 
-    def outside_by(self, points_m: Vector) -> Vector:
+    def outside_by(self, points_m: Floats) -> Floats:
         """(k,) m: distance of points (k, 3) m from the mesh, 0 inside."""
         out = np.empty(len(points_m))
         outside_by(self.search, np.ascontiguousarray(points_m), out)
         return out
 
-    def nearest_on_surface(self, point_m: Vector) -> tuple[int, Vector]:
+    def nearest_on_surface(self, point_m: Floats) -> tuple[int, Floats]:
         """The surface triangle nearest to a point (3,) m, and the nearest point (3,) m on it."""
         weights = np.empty(3)
         triangle, _ = nearest_triangle(self.search, point_m, weights)
         return int(triangle), weights @ self.search.triangles[triangle]
 
-    def inward_normal(self, point_m: Vector) -> Vector:
+    def inward_normal(self, point_m: Floats) -> Floats:
+        """Of the surface triangle nearest to the point."""
         a, b, c = self.search.triangles[self.nearest_on_surface(point_m)[0]]
         outward = np.cross(b - a, c - a)
-        normal: Vector = -outward / np.linalg.norm(outward)
+        normal: Floats = -outward / np.linalg.norm(outward)
         return normal
 
-    def node_orders(self, held: Indices) -> list[Indices]:
+    def node_orders(self, held: Ints) -> list[Ints]:
         """Reverse Cuthill-McKee on the graph of the free nodes; plane by plane along the longest side, like the box."""
         count = len(self.nodes_m)
         pairs = self.tets[:, np.array([[a, b] for a in range(4) for b in range(4)])].reshape(-1, 2)
@@ -91,7 +91,7 @@ class TetMesh(Mesh):
         return int(counts.max())
 
 
-def _flat_sides(nodes_m: Vector, surface: Indices) -> dict[str, Indices]:
+def _flat_sides(nodes_m: Floats, surface: Ints) -> dict[str, Ints]:
     """Sides of the bounding box in which at least one surface triangle lies -> the nodes in them."""
     low, high = nodes_m.min(axis=0), nodes_m.max(axis=0)
     close = FLAT * (high - low).max()

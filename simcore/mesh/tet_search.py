@@ -5,13 +5,10 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from simcore.arrays import Floats, Ints
 from simcore.compiled import kernel
 from simcore.mesh.bounding_tree import LEAF, BoundingTree, squared_distance
-
-Vector = NDArray[np.float64]
-Indices = NDArray[np.int64]
 
 STACK = 64  # deeper than any tree that fits into memory
 INSIDE = -1e-12  # smallest shape function of a point that counts as inside: rounding
@@ -24,20 +21,20 @@ class TetSearch(NamedTuple):
     inverse (p - origin); triangles (s, 3, 3) m and their nodes triangle_nodes (s, 3); then the two trees.
     """
 
-    tets: Indices
-    origins: Vector
-    inverses: Vector
-    tet_low: Vector
-    tet_high: Vector
-    tet_items: Indices
-    triangles: Vector
-    triangle_nodes: Indices
-    triangle_low: Vector
-    triangle_high: Vector
-    triangle_items: Indices
+    tets: Ints
+    origins: Floats
+    inverses: Floats
+    tet_low: Floats
+    tet_high: Floats
+    tet_items: Ints
+    triangles: Floats
+    triangle_nodes: Ints
+    triangle_low: Floats
+    triangle_high: Floats
+    triangle_items: Ints
 
     @classmethod
-    def of(cls, nodes_m: Vector, tets: Indices, surface: Indices) -> TetSearch:
+    def of(cls, nodes_m: Floats, tets: Ints, surface: Ints) -> TetSearch:
         """Build the tables; surface: (s, 3) nodes of the surface triangles."""
         corners, triangles = nodes_m[tets], nodes_m[surface]
         edges = np.swapaxes(corners[:, 1:] - corners[:, :1], 1, 2)
@@ -48,7 +45,7 @@ class TetSearch(NamedTuple):
 
 
 @kernel
-def shape_functions(search: TetSearch, tet: int, point: Vector, weights: Vector) -> float:
+def shape_functions(search: TetSearch, tet: int, point: Floats, weights: Floats) -> float:
     """Write the four linear shape functions of a tetrahedron at a point (3,) m; returns the smallest."""
     weights[0] = 1.0
     for a in range(3):
@@ -61,7 +58,7 @@ def shape_functions(search: TetSearch, tet: int, point: Vector, weights: Vector)
 
 
 @kernel
-def tet_around(search: TetSearch, point: Vector, guess: int, weights: Vector) -> int:
+def tet_around(search: TetSearch, point: Floats, guess: int, weights: Floats) -> int:
     """The tetrahedron around a point (3,) m, tried first: `guess` (-1 = none); -1 outside. weights: (4,), written."""
     if guess >= 0 and shape_functions(search, guess, point, weights) >= 0.0:
         return guess
@@ -93,7 +90,7 @@ def tet_around(search: TetSearch, point: Vector, guess: int, weights: Vector) ->
 
 
 @kernel
-def nearest_on_triangle(point: Vector, triangle: Vector, weights: Vector) -> float:
+def nearest_on_triangle(point: Floats, triangle: Floats, weights: Floats) -> float:
     """Squared distance of a point (3,) from a triangle (3, 3); weights (3,) of the nearest point, written.
 
     After Ericson, Real-Time Collision Detection (2005), section 5.1.5: by the region of the plane it projects to.
@@ -133,7 +130,7 @@ def nearest_on_triangle(point: Vector, triangle: Vector, weights: Vector) -> flo
 
 
 @kernel
-def nearest_triangle(search: TetSearch, point: Vector, weights: Vector) -> tuple[int, float]:
+def nearest_triangle(search: TetSearch, point: Floats, weights: Floats) -> tuple[int, float]:
     """The surface triangle nearest to a point (3,) m, and its distance in m; weights (3,): of the nearest point."""
     stack, top = np.empty(STACK, np.int64), 1
     stack[0] = 1
@@ -166,7 +163,7 @@ def nearest_triangle(search: TetSearch, point: Vector, weights: Vector) -> tuple
 
 
 @kernel
-def locate_in_tets(search: TetSearch, point: Vector, guess: int, nodes: Indices, weights: Vector) -> int:
+def locate_in_tets(search: TetSearch, point: Floats, guess: int, nodes: Ints, weights: Floats) -> int:
     """The four nodes around a point (3,) m and their shape functions, written; returns the tetrahedron.
 
     Outside the mesh, -1: three nodes of the nearest surface triangle and the weights of the nearest point (the fourth
@@ -184,8 +181,8 @@ def locate_in_tets(search: TetSearch, point: Vector, guess: int, nodes: Indices,
 
 
 @kernel
-def outside_by(search: TetSearch, points: Vector, out: Vector) -> None:
-    """out (k,) m: distance of each point (k, 3) m from the mesh, 0 inside."""
+def outside_by(search: TetSearch, points: Floats, out: Floats) -> None:
+    """Write out (k,) m: distance of each point (k, 3) m from the mesh, 0 inside."""
     shape = np.empty(4)
     for k in range(len(points)):
         out[k] = 0.0

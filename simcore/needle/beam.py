@@ -16,12 +16,11 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from simcore.arrays import Floats
 from simcore.compiled import kernel
 from simcore.rotations import compose, jacobian_coefficients, log_map
 
-Vector = NDArray[np.float64]
 Triple = tuple[float, float, float]
 
 
@@ -32,6 +31,33 @@ class Stiffness(NamedTuple):
     near: float  # (4 + phi) EI / (l (1 + phi)), N m
     far: float  # (2 - phi) EI / (l (1 + phi)), N m
     torsion: float  # GJ / l, N m
+
+
+class Section(NamedTuple):
+    """What kernels know of a needle: its beams and, if it is curved at rest, the frames (n, 2, 3, 3) of its beams."""
+
+    element_length_m: float
+    axial_n: float  # EA
+    bending_nm2: float  # EI
+    torsion_nm2: float  # GJ
+    shear_parameter: float  # phi
+    rest_frames: Floats
+
+
+class BeamForces(NamedTuple):
+    """Internal forces (n+1, 6) N, N m and their tangent d f / d(dx, dw) by pairs of nodes: diag (n+1, 6, 6) of a node
+    with itself, upper (n, 6, 6) rows of node i and columns of node i+1, lower (n, 6, 6) the other way round."""
+
+    forces: Floats
+    diag: Floats
+    upper: Floats
+    lower: Floats
+
+    @classmethod
+    def of_size(cls, elements: int) -> BeamForces:
+        """Zeros, for a chain of so many beams."""
+        n = elements
+        return cls(np.zeros((n + 1, 6)), np.zeros((n + 1, 6, 6)), np.zeros((n, 6, 6)), np.zeros((n, 6, 6)))
 
 
 class End(NamedTuple):
@@ -68,7 +94,7 @@ def _dot(a: Triple, b: Triple) -> float:
 
 @kernel
 def _sum(a: float, u: Triple, b: float, v: Triple) -> Triple:
-    """a u + b v."""
+    """Sum a u + b v."""
     return a * u[0] + b * v[0], a * u[1] + b * v[1], a * u[2] + b * v[2]
 
 
@@ -97,7 +123,7 @@ def _moment(k: Stiffness, own: Triple, other: Triple) -> Triple:
 
 
 @kernel
-def _frame(chord: Triple, axis: Triple, frame: Vector) -> float:
+def _frame(chord: Triple, axis: Triple, frame: Floats) -> float:
     """Write the frame (3, 3), columns r1 r2 r3, of a chord and mean first axis (world); return the length."""
     length = math.sqrt(_dot(chord, chord))
     r3 = _sum(1.0 / length, chord, 0.0, chord)
@@ -110,7 +136,7 @@ def _frame(chord: Triple, axis: Triple, frame: Vector) -> float:
 
 
 @kernel
-def _end(frame: Vector, rotation: Vector, relative: Vector) -> End:
+def _end(frame: Floats, rotation: Floats, relative: Floats) -> End:
     """One end from the element frame and the nodal rotation, (3, 3) each; `relative` is scratch."""
     for i in range(3):
         for j in range(3):
@@ -123,7 +149,7 @@ def _end(frame: Vector, rotation: Vector, relative: Vector) -> End:
 
 @kernel
 def _deform(
-    x1: Vector, x2: Vector, R1: Vector, R2: Vector, rest_length: float, k: Stiffness, scratch: Vector
+    x1: Floats, x2: Floats, R1: Floats, R2: Floats, rest_length: float, k: Stiffness, scratch: Floats
 ) -> Element:
     """State of the beam between two nodes; writes its frame to scratch[0] (scratch is (2, 3, 3))."""
     chord = (x2[0] - x1[0], x2[1] - x1[1], x2[2] - x1[2])
@@ -186,7 +212,7 @@ def _force_changes(e: Element, k: Stiffness, d: Triple, dw1: Triple, dw2: Triple
 
 
 @kernel
-def _to_world(frame: Vector, v: Triple) -> Triple:
+def _to_world(frame: Floats, v: Triple) -> Triple:
     return (
         frame[0, 0] * v[0] + frame[0, 1] * v[1] + frame[0, 2] * v[2],
         frame[1, 0] * v[0] + frame[1, 1] * v[1] + frame[1, 2] * v[2],
@@ -195,7 +221,7 @@ def _to_world(frame: Vector, v: Triple) -> Triple:
 
 
 @kernel
-def _add_column(node1: Vector, node2: Vector, j: int, sign: float, n: Triple, moment1: Triple, moment2: Triple) -> None:
+def _add_column(node1: Floats, node2: Floats, j: int, sign: float, n: Triple, moment1: Triple, moment2: Triple) -> None:
     """Add to column j of the blocks (6, 6) of the rows of both nodes the force changes of one increment."""
     for i in range(3):
         node1[i, j] -= sign * n[i]
@@ -206,7 +232,7 @@ def _add_column(node1: Vector, node2: Vector, j: int, sign: float, n: Triple, mo
 
 @kernel
 def _add_tangent(
-    e: Element, k: Stiffness, frame: Vector, first: Vector, upper: Vector, lower: Vector, second: Vector
+    e: Element, k: Stiffness, frame: Floats, first: Floats, upper: Floats, lower: Floats, second: Floats
 ) -> None:
     """Add the 12 x 12 tangent of one beam, a column per unit increment; (6, 6) blocks by pairs of nodes."""
     zero = (0.0, 0.0, 0.0)
@@ -226,26 +252,13 @@ def _add_tangent(
 
 
 @kernel
-def internal(
-    x: Vector,
-    R: Vector,
-    element_length: float,
-    axial: float,
-    bending: float,
-    torsion: float,
-    shear_parameter: float,
-    rest_frames: Vector,
-    f_out: Vector,
-    diag_out: Vector,
-    upper_out: Vector,
-    lower_out: Vector,
-) -> None:
-    """Internal forces and tangent of a chain of n beams; equilibrium is f_out = external forces.
+def internal(x: Floats, R: Floats, section: Section, out: BeamForces) -> None:
+    """Internal forces and tangent of a chain of n beams; equilibrium is out.forces = external forces.
 
-    x: (n+1, 3) m, R: (n+1, 3, 3), world. The scalars and rest_frames are `NeedleModel.constants`.
-    f_out: (n+1, 6) N, N m. Tangent d f / d(dx, dw) by node pairs: diag_out (n+1, 6, 6) of a node with itself,
-    upper_out (n, 6, 6) rows of node i, columns of node i+1, lower_out (n, 6, 6) the other way round.
+    x: (n+1, 3) m, R: (n+1, 3, 3), world. section: `NeedleModel.section`. out is written.
     """
+    element_length, axial, bending, torsion, shear_parameter, rest_frames = section
+    f_out, diag_out, upper_out, lower_out = out
     n = len(x) - 1
     c = bending / (element_length * (1.0 + shear_parameter))
     k = Stiffness(

@@ -8,26 +8,36 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, field
+from functools import cached_property
 
 import numpy as np
-from numpy.typing import NDArray
 
+from simcore.arrays import Floats
 from simcore.compiled import kernel
 from simcore.errors import Status
-from simcore.needle.beam import internal
+from simcore.needle.beam import BeamForces, Section, internal
 from simcore.rotations import compose, exp_map, log_map, project_rotation
-from simcore.scenario.scenario import Needle
-
-Vector = NDArray[np.float64]
 
 
-def _no_rest_frames() -> Vector:
+def _no_rest_frames() -> Floats:
     return np.zeros((0, 2, 3, 3))
 
 
 def _require_positive(name: str, value: float) -> None:
     if not 0.0 < value < math.inf:
         raise ValueError(f"{name} = {value!r}: must be finite and above 0")
+
+
+@dataclass(frozen=True)
+class Tube:
+    """A straight elastic tube of equal beams; inner diameter 0 = solid."""
+
+    length_m: float
+    elements: int
+    outer_diameter_m: float
+    inner_diameter_m: float
+    young_pa: float
+    poisson: float
 
 
 @dataclass(frozen=True)
@@ -42,7 +52,7 @@ class NeedleModel:
     shear_parameter: float  # phi = 12 EI / (k G A l^2), l the element length
     outer_radius_m: float
     # (elements, 2, 3, 3): rest element frame, in the frames of its two nodes at rest; empty = straight
-    rest_frames: Vector = field(default_factory=_no_rest_frames, repr=False, compare=False)
+    rest_frames: Floats = field(default_factory=_no_rest_frames, repr=False, compare=False)
 
     def __post_init__(self) -> None:
         for name in ("length_m", "elements", "axial_n", "bending_nm2", "torsion_nm2"):
@@ -57,11 +67,11 @@ class NeedleModel:
         """Rest length of one beam, m."""
         return self.length_m / self.elements
 
-    @property
-    def constants(self) -> tuple[float, float, float, float, float, Vector]:
-        """What `beam.internal` takes between the state and its outputs."""
-        section = (self.axial_n, self.bending_nm2, self.torsion_nm2)
-        return (self.element_length_m, *section, self.shear_parameter, self.rest_frames)
+    @cached_property
+    def section(self) -> Section:
+        """What `beam.internal` takes beside the state."""
+        stiffness = (self.axial_n, self.bending_nm2, self.torsion_nm2)
+        return Section(self.element_length_m, *stiffness, self.shear_parameter, self.rest_frames)
 
     @classmethod
     def from_section(
@@ -74,7 +84,7 @@ class NeedleModel:
         torsion_nm2: float,
         shear_n: float,
         outer_radius_m: float,
-        rest_frames: Vector | None = None,
+        rest_frames: Floats | None = None,
     ) -> NeedleModel:
         """From section stiffnesses EA, EI, GJ and kGA (`shear_n`, N; infinite = rigid in shear)."""
         _require_positive("length_m", length_m)
@@ -85,42 +95,22 @@ class NeedleModel:
         return cls(length_m, elements, axial_n, bending_nm2, torsion_nm2, phi, outer_radius_m, rest_frames)
 
     @classmethod
-    def from_tube(
-        cls,
-        *,
-        length_m: float,
-        elements: int,
-        outer_diameter_m: float,
-        inner_diameter_m: float,
-        young_pa: float,
-        poisson: float,
-    ) -> NeedleModel:
-        """A circular tube (inner diameter 0 = solid), with Cowper's shear coefficient."""
-        if not 0.0 <= inner_diameter_m < outer_diameter_m:
-            raise ValueError(f"inner_diameter_m = {inner_diameter_m!r}: must be 0 to below {outer_diameter_m!r}")
-        area = math.pi / 4.0 * (outer_diameter_m**2 - inner_diameter_m**2)
-        second_moment = math.pi / 64.0 * (outer_diameter_m**4 - inner_diameter_m**4)
-        shear_pa = young_pa / (2.0 * (1.0 + poisson))
+    def from_tube(cls, tube: Tube) -> NeedleModel:
+        """A circular tube, with Cowper's shear coefficient. Raises ValueError for diameters that make no tube."""
+        outer, inner = tube.outer_diameter_m, tube.inner_diameter_m
+        if not 0.0 <= inner < outer:
+            raise ValueError(f"inner_diameter_m = {inner!r}: must be 0 to below {outer!r}")
+        area = math.pi / 4.0 * (outer**2 - inner**2)
+        second_moment = math.pi / 64.0 * (outer**4 - inner**4)
+        shear_pa = tube.young_pa / (2.0 * (1.0 + tube.poisson))
         return cls.from_section(
-            length_m=length_m,
-            elements=elements,
-            axial_n=young_pa * area,
-            bending_nm2=young_pa * second_moment,
+            length_m=tube.length_m,
+            elements=tube.elements,
+            axial_n=tube.young_pa * area,
+            bending_nm2=tube.young_pa * second_moment,
             torsion_nm2=shear_pa * 2.0 * second_moment,
-            shear_n=cowper_coefficient(inner_diameter_m / outer_diameter_m, poisson) * shear_pa * area,
-            outer_radius_m=0.5 * outer_diameter_m,
-        )
-
-    @classmethod
-    def from_scenario(cls, needle: Needle) -> NeedleModel:
-        """The needle of a scenario."""
-        return cls.from_tube(
-            length_m=needle.length_mm * 1e-3,
-            elements=needle.elements,
-            outer_diameter_m=needle.outer_diameter_mm * 1e-3,
-            inner_diameter_m=needle.inner_diameter_mm * 1e-3,
-            young_pa=needle.young_gpa * 1e9,
-            poisson=needle.poisson,
+            shear_n=cowper_coefficient(inner / outer, tube.poisson) * shear_pa * area,
+            outer_radius_m=0.5 * outer,
         )
 
 
@@ -133,7 +123,7 @@ def cowper_coefficient(ratio: float, poisson: float) -> float:
     return 6.0 * (1.0 + poisson) * spread / ((7.0 + 6.0 * poisson) * spread + (20.0 + 12.0 * poisson) * ratio**2)
 
 
-def straight(model: NeedleModel, base_position: Vector, base_rotation: Vector) -> tuple[Vector, Vector]:
+def straight(model: NeedleModel, base_position: Floats, base_rotation: Floats) -> tuple[Floats, Floats]:
     """Stress-free x (n+1, 3) m, R (n+1, 3, 3) of a straight needle at the base pose (3,) m, (3, 3), world."""
     s = np.linspace(0.0, model.length_m, model.elements + 1)
     x = np.asarray(base_position, dtype=float) + s[:, None] * np.asarray(base_rotation, dtype=float)[:, 2]
@@ -141,7 +131,7 @@ def straight(model: NeedleModel, base_position: Vector, base_rotation: Vector) -
 
 
 @kernel
-def advance(x: Vector, R: Vector, dq: Vector) -> None:
+def advance(x: Floats, R: Floats, dq: Floats) -> None:
     """Move the state in place by dq (n+1, 6) m, rad: x += dx, R <- exp(dw) R, re-orthonormalised."""
     for i in range(len(x)):
         turned = project_rotation(compose(exp_map(dq[i, 3:]), R[i]))
@@ -152,7 +142,7 @@ def advance(x: Vector, R: Vector, dq: Vector) -> None:
 
 
 @kernel
-def increments(x: Vector, R: Vector, x_new: Vector, R_new: Vector) -> Vector:
+def increments(x: Floats, R: Floats, x_new: Floats, R_new: Floats) -> Floats:
     """(n+1, 6) m, rad: what `advance` needs to carry the state x, R to x_new, R_new."""
     out = np.empty((len(x), 6))
     for i in range(len(x)):
@@ -163,7 +153,7 @@ def increments(x: Vector, R: Vector, x_new: Vector, R_new: Vector) -> Vector:
     return out
 
 
-def rigid_move(x: Vector, R: Vector, position: Vector, rotation: Vector) -> None:
+def rigid_move(x: Floats, R: Floats, position: Floats, rotation: Floats) -> None:
     """Carry the state rigidly, in place, with its base to `position` (3,) m, `rotation` (3, 3), world."""
     turn = rotation @ R[0].T
     x[:] = position + (x - x[0]) @ turn.T
@@ -172,8 +162,8 @@ def rigid_move(x: Vector, R: Vector, position: Vector, rotation: Vector) -> None
 
 
 @kernel
-def _add_product(sign: float, block: Vector, source: Vector, target: Vector) -> None:
-    """target (6, m) += sign * block (6, 6) source (6, m)."""
+def _add_product(sign: float, block: Floats, source: Floats, target: Floats) -> None:
+    """Add to target (6, m): sign * block (6, 6) source (6, m)."""
     for a in range(6):
         b0, b1, b2 = sign * block[a, 0], sign * block[a, 1], sign * block[a, 2]
         b3, b4, b5 = sign * block[a, 3], sign * block[a, 4], sign * block[a, 5]
@@ -184,7 +174,7 @@ def _add_product(sign: float, block: Vector, source: Vector, target: Vector) -> 
 
 
 @kernel
-def _invert(block: Vector, work: Vector, out: Vector) -> None:
+def _invert(block: Floats, work: Floats, out: Floats) -> None:
     """Inverse of block (6, 6) into out by Gauss-Jordan with row pivoting; work (6, 12) is scratch."""
     for i in range(6):
         for c in range(6):
@@ -211,7 +201,7 @@ def _invert(block: Vector, work: Vector, out: Vector) -> None:
 
 
 @kernel
-def factor_blocks(diag: Vector, upper: Vector, lower: Vector) -> tuple[Vector, Vector]:
+def factor_blocks(diag: Floats, upper: Floats, lower: Floats) -> tuple[Floats, Floats]:
     """Block LU of a block tridiagonal matrix of n diagonal blocks, laid out as the outputs of `internal`.
 
     diag: (n, 6, 6); upper, lower: (n - 1, 6, 6). Returns the inverses (n, 6, 6) of the pivot blocks and the
@@ -233,7 +223,7 @@ def factor_blocks(diag: Vector, upper: Vector, lower: Vector) -> tuple[Vector, V
 
 
 @kernel
-def solve_blocks(inverses: Vector, multipliers: Vector, upper: Vector, rhs: Vector) -> None:
+def solve_blocks(inverses: Floats, multipliers: Floats, upper: Floats, rhs: Floats) -> None:
     """Replace rhs (n, 6, m) by the solutions of its m systems.
 
     inverses, multipliers: from `factor_blocks`; upper: (n - 1, 6, 6), as given to it.
@@ -257,14 +247,14 @@ class StaticSolution:
     """End of a static solve; x and R are the equilibrium only if `status` is COMPLETED."""
 
     status: Status
-    x: Vector  # (n+1, 3) m, world
-    R: Vector  # (n+1, 3, 3)
+    x: Floats  # (n+1, 3) m, world
+    R: Floats  # (n+1, 3, 3)
     iterations: int
     residual: float  # largest component of the last residual, N or N m
 
 
 def solve_static(
-    model: NeedleModel, x: Vector, R: Vector, external: Vector, *, tolerance: float, max_iterations: int = 30
+    model: NeedleModel, x: Floats, R: Floats, external: Floats, *, tolerance: float, max_iterations: int = 30
 ) -> StaticSolution:
     """Newton's method for the free nodes under dead loads `external` (n+1, 6) N, N m, world; the base stays.
 
@@ -272,19 +262,18 @@ def solve_static(
     Converged when no residual exceeds `tolerance` (N, N m). Failures: NOT_FINITE, NOT_CONVERGED.
     """
     x, R, n = x.copy(), R.copy(), model.elements
-    forces, diag = np.empty((n + 1, 6)), np.empty((n + 1, 6, 6))
-    upper, lower = np.empty((n, 6, 6)), np.empty((n, 6, 6))
+    beams = BeamForces.of_size(n)
     step = np.zeros((n + 1, 6))
     for iteration in range(max_iterations + 1):
-        internal(x, R, *model.constants, forces, diag, upper, lower)
-        rest = external[1:] - forces[1:]
+        internal(x, R, model.section, beams)
+        rest = external[1:] - beams.forces[1:]
         residual = float(np.abs(rest).max())
         if not math.isfinite(residual):
             return StaticSolution(Status.NOT_FINITE, x, R, iteration, residual)
         if residual <= tolerance:
             return StaticSolution(Status.COMPLETED, x, R, iteration, residual)
         rest = rest[:, :, None].copy()
-        solve_blocks(*factor_blocks(diag[1:], upper[1:], lower[1:]), upper[1:], rest)
+        solve_blocks(*factor_blocks(beams.diag[1:], beams.upper[1:], beams.lower[1:]), beams.upper[1:], rest)
         step[1:] = rest[:, :, 0]
         advance(x, R, step)
     return StaticSolution(Status.NOT_CONVERGED, x, R, max_iterations, residual)

@@ -7,16 +7,24 @@ order phi.
 
 from __future__ import annotations
 
-import numpy as np
-from numpy.typing import NDArray
+from typing import NamedTuple
 
+import numpy as np
+
+from simcore.arrays import Floats
 from simcore.compiled import kernel
 
-Vector = NDArray[np.float64]
+
+class Shaft(NamedTuple):
+    """What the curve is made of: nodes x (n+1, 3) m and R (n+1, 3, 3), world, and the rest length of a beam."""
+
+    x: Floats
+    R: Floats
+    element_length_m: float
 
 
 @kernel
-def shaft_weights(elements: int, element_length: float, s: float) -> tuple[int, Vector]:
+def shaft_weights(elements: int, element_length: float, s: float) -> tuple[int, Floats]:
     """Element e and weights (3, 4) at the rest arc length s m: rows h, dh/ds, d2h/ds2.
 
     c = h[0] x_e + h[1] t_e + h[2] x_{e+1} + h[3] t_{e+1} with nodal positions x and unit tangents t; h[1] and
@@ -48,7 +56,7 @@ def shaft_weights(elements: int, element_length: float, s: float) -> tuple[int, 
 
 
 @kernel
-def shaft_frame(x: Vector, R: Vector, element_length: float, s: float) -> tuple[Vector, Vector, Vector, int, Vector]:
+def shaft_frame(x: Floats, R: Floats, element_length: float, s: float) -> tuple[Floats, Floats, Floats, int, Floats]:
     """Point c (3,) m, dc/ds, d2c/ds2 (3,), element e and weights h (4,) at the rest arc length s m.
 
     x: (n+1, 3) m, R: (n+1, 3, 3), world. dc/ds is not of unit length where the needle is stretched or curved.
@@ -63,7 +71,7 @@ def shaft_frame(x: Vector, R: Vector, element_length: float, s: float) -> tuple[
 
 
 @kernel
-def shaft_columns(R: Vector, e: int, h: Vector, out: Vector) -> None:
+def shaft_columns(R: Floats, e: int, h: Floats, out: Floats) -> None:
     """Write to out (3, 12) the gradient of the shaft point, at fixed s, to dx, dw of nodes e and e+1.
 
     With a derivative row of `shaft_weights` in place of h (4,) it is the gradient of dc/ds or of d2c/ds2.
@@ -79,7 +87,7 @@ def shaft_columns(R: Vector, e: int, h: Vector, out: Vector) -> None:
 
 
 @kernel
-def shaft_polyline(x: Vector, R: Vector, element_length: float, points: int) -> Vector:
+def shaft_polyline(x: Floats, R: Floats, element_length: float, points: int) -> Floats:
     """(points, 3) m: the shaft from base to tip at equal rest arc lengths, for drawing."""
     out = np.empty((points, 3))
     for k in range(points):

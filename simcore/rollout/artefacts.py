@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any, BinaryIO
 import numpy as np
 
 if TYPE_CHECKING:
-    from simcore.rollout.rollout import Rollout
+    from simcore.rollout.result import Rollout
 
 RESULT, SERIES = "result.json", "series.npz"
 

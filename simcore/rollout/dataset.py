@@ -25,12 +25,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from simcore.arrays import Floats, Ints
 from simcore.errors import NeedlebenchError
 from simcore.rollout.artefacts import replace_atomically
 
-Vector = NDArray[np.float64]
-Indices = NDArray[np.int64]
-Table = dict[str, Vector]
+Table = dict[str, Floats]
 
 FORMAT = "needlebench/dataset/1"
 VARIABLES = ("base_position_m", "command_position_m", "tip_m", "target_noisy_m", "base_step_m", "tip_error_m")
@@ -54,8 +53,8 @@ def table_one(series: Mapping[str, NDArray[Any]]) -> Table:
 class Split:
     """Rows for training and for the test (n,), in ascending order."""
 
-    train: Indices
-    test: Indices
+    train: Ints
+    test: Ints
 
 
 @dataclass(frozen=True)
@@ -67,10 +66,10 @@ class Dataset:
     """
 
     variables: Table
-    trajectory: Indices
-    step: Indices
-    end_point_m: Vector
-    drawn: Indices
+    trajectory: Ints
+    step: Ints
+    end_point_m: Floats
+    drawn: Ints
     seed: int
     provenance: dict[str, Any]
 
@@ -88,11 +87,11 @@ class Dataset:
         tested = np.isin(self.trajectory[self.drawn], held_out)
         return Split(self.drawn[~tested], self.drawn[tested])
 
-    def inputs(self, rows: Indices) -> Vector:
+    def inputs(self, rows: Ints) -> Floats:
         """X (n, 6) m: P, e~_p."""
         return np.hstack([self.variables["base_position_m"][rows], self.variables["tip_error_m"][rows]])
 
-    def outputs(self, rows: Indices) -> Vector:
+    def outputs(self, rows: Ints) -> Floats:
         """Y (n, 3) m: Delta P."""
         return self.variables["base_step_m"][rows]
 
@@ -114,12 +113,12 @@ class Dataset:
         }
 
 
-def _split(rows: Indices, first: int) -> Split:
+def _split(rows: Ints, first: int) -> Split:
     return Split(np.sort(rows[:first]), np.sort(rows[first:]))
 
 
 def gathered(
-    tables: Sequence[Table], end_points_m: Vector, *, samples: int, seed: int, provenance: dict[str, Any]
+    tables: Sequence[Table], end_points_m: Floats, *, samples: int, seed: int, provenance: dict[str, Any]
 ) -> Dataset:
     """The data set of these insertions; as many samples as asked for, or all rows if there are fewer.
 

@@ -6,14 +6,13 @@ from dataclasses import dataclass, fields
 from typing import TYPE_CHECKING, Protocol, TypeVar
 
 import numpy as np
-from numpy.typing import NDArray
+
+from simcore.arrays import Floats, Ints
 
 if TYPE_CHECKING:
-    from simcore.rollout.rollout import Rollout
+    from simcore.rollout.result import Rollout
     from simcore.scenario.scenario import Scenario
 
-Vector = NDArray[np.float64]
-Indices = NDArray[np.int64]
 Shown = TypeVar("Shown", "Scene", "StepRecord")
 
 
@@ -23,11 +22,11 @@ class Scene:
 
     scenario: Scenario
     steps: int
-    tissue_rest_m: Vector  # (nodes, 3)
-    tissue_tets: Indices  # (tets, 4)
-    surface_triangles: Indices  # (triangles, 3) into the nodes, outward
-    path_m: Vector  # (p, 3) polyline of the nominal path
-    entry_m: Vector  # (3,) world-fixed remote centre of motion
+    tissue_rest_m: Floats  # (nodes, 3)
+    tissue_tets: Ints  # (tets, 4)
+    surface_triangles: Ints  # (triangles, 3) into the nodes, outward
+    path_m: Floats  # (p, 3) polyline of the nominal path
+    entry_m: Floats  # (3,) world-fixed remote centre of motion
     needle_radius_m: float
 
 
@@ -46,17 +45,17 @@ class StepRecord:
 
     step: int
     t_s: float
-    base_position_m: Vector  # (3,)
-    base_rotation: Vector  # (4,) wxyz; identity = needle along +z
-    tip_m: Vector  # (3,)
-    target_m: Vector  # (3,) n_traj(t), clean
-    target_noisy_m: Vector  # (3,) what the controller saw
-    command_position_m: Vector  # (3,) T before the robot's limits
-    command_rotation: Vector  # (4,) wxyz
+    base_position_m: Floats  # (3,)
+    base_rotation: Floats  # (4,) wxyz; identity = needle along +z
+    tip_m: Floats  # (3,)
+    target_m: Floats  # (3,) n_traj(t), clean
+    target_noisy_m: Floats  # (3,) what the controller saw
+    command_position_m: Floats  # (3,) T before the robot's limits
+    command_rotation: Floats  # (4,) wxyz
     limited: bool  # whether the robot's limits scaled the command
     depth_m: float  # inserted rest length
-    base_force_n: Vector  # (3,) force of the robot on the needle
-    base_torque_nm: Vector  # (3,) about the base
+    base_force_n: Floats  # (3,) force of the robot on the needle
+    base_torque_nm: Floats  # (3,) about the base
     insertion_force_n: float  # base force along the base's axis, > 0 pushes
     rcm_error_m: float  # lateral distance of the shaft from the entry
     iterations: int
@@ -64,10 +63,10 @@ class StepRecord:
     violation_m: float
     min_det_f: float
     max_displacement_m: float
-    shaft_m: Vector  # (k, 3) polyline of the needle's axis, base to tip
-    points_m: Vector  # (m, 3) active constraint points
-    point_forces_n: Vector  # (m, 3) force of the needle on the tissue at each
-    tissue_m: Vector | None  # (nodes, 3) on recorded frames, else None
+    shaft_m: Floats  # (k, 3) polyline of the needle's axis, base to tip
+    points_m: Floats  # (m, 3) active constraint points
+    point_forces_n: Floats  # (m, 3) force of the needle on the tissue at each
+    tissue_m: Floats | None  # (nodes, 3) on recorded frames, else None
     timing: StepTiming
 
 
@@ -97,10 +96,10 @@ class Silent:
     """The observer that looks away."""
 
     def begin(self, scene: Scene, first: StepRecord) -> None:
-        pass
+        """Does nothing."""
 
     def step(self, record: StepRecord) -> None:
-        pass
+        """Does nothing."""
 
     def end(self, rollout: Rollout) -> None:
-        pass
+        """Does nothing."""

@@ -7,9 +7,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from simcore.arrays import Floats
 from simcore.rollout.records import Scene, StepRecord
-
-Vector = NDArray[np.float64]
+from simcore.rollout.result import FRAMES, TIMES
 
 _COPIED = (
     "t_s",
@@ -32,7 +32,6 @@ _COPIED = (
     "min_det_f",
     "max_displacement_m",
 )
-_TIMED = ("plant_s", "jacobian_s", "command_s", "recording_s")
 
 
 class SeriesBuilder:
@@ -40,17 +39,17 @@ class SeriesBuilder:
 
     def __init__(self, scene: Scene) -> None:
         self.scene = scene
-        self.rows: dict[str, list[Any]] = {name: [] for name in (*_COPIED, *_TIMED)}
+        self.rows: dict[str, list[Any]] = {name: [] for name in (*_COPIED, *TIMES)}
         self.lateral_sum_n: list[float] = []
         self.lateral_resultant_n: list[float] = []
-        self.frames: list[Vector] = []
+        self.frames: list[Floats] = []
         self.frame_steps: list[int] = []
 
     def add(self, record: StepRecord, recording_s: float) -> None:
         """Take one record; the records of a run own their arrays."""
         for name in _COPIED:
             self.rows[name].append(getattr(record, name))
-        for name in _TIMED[:-1]:
+        for name in TIMES[:-1]:
             self.rows[name].append(getattr(record.timing, name))
         self.rows["recording_s"].append(recording_s)
         lateral = lateral_forces(record)
@@ -60,7 +59,7 @@ class SeriesBuilder:
             self.frames.append(record.tissue_m)
             self.frame_steps.append(record.step)
 
-    def arrays(self, last_tissue_m: Vector) -> dict[str, NDArray[Any]]:
+    def arrays(self, last_tissue_m: Floats) -> dict[str, NDArray[Any]]:
         """The content of series.npz; the last good tissue state is always its last frame."""
         last_step = len(self.rows["t_s"]) - 1
         if self.frame_steps[-1] != last_step:
@@ -72,13 +71,12 @@ class SeriesBuilder:
             "lateral_resultant_n": np.array(self.lateral_resultant_n),
             "tissue_rest_m": self.scene.tissue_rest_m,
             "tissue_tets": self.scene.tissue_tets,
-            "tissue_m": np.array(self.frames),
-            "tissue_frame_step": np.array(self.frame_steps),
+            **dict(zip(FRAMES, (np.array(self.frames), np.array(self.frame_steps)), strict=True)),
         }
 
     def timing(self, *, wall_s: float, simulated_s: float) -> dict[str, Any]:
         """Median, p95, p99 and maximum in ms of each part of a step, and the real-time factor of the loop."""
-        parts = {name.removesuffix("_s"): summary_ms(self.rows[name][1:]) for name in _TIMED}
+        parts = {name.removesuffix("_s"): summary_ms(self.rows[name][1:]) for name in TIMES}
         factor = simulated_s / wall_s if wall_s > 0.0 else None
         return {**parts, "loop_wall_s": wall_s, "simulated_s": simulated_s, "realtime_factor": factor}
 
@@ -93,11 +91,11 @@ class SeriesBuilder:
         }
 
 
-def lateral_forces(record: StepRecord) -> Vector:
+def lateral_forces(record: StepRecord) -> Floats:
     """(a, 3) N: point forces across the straight line from base to tip."""
     axis = record.tip_m - record.base_position_m
     axis = axis / np.linalg.norm(axis)
-    across: Vector = record.point_forces_n - np.outer(record.point_forces_n @ axis, axis)
+    across: Floats = record.point_forces_n - np.outer(record.point_forces_n @ axis, axis)
     return across
 
 

@@ -2,17 +2,14 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from simcore import plugins
 from simcore.errors import Problem
-from simcore.learning import load_model, model_digest
+from simcore.scenario.blocks import StraightTrajectory
 from simcore.scenario.controller_blocks import Controller, Learned, Plugin
 
-if TYPE_CHECKING:
-    from simcore.scenario.scenario import Scenario
-
-COMPARED = ("tissue", "needle", "interaction")
+CONDITIONS = ("dt_s", "tissue", "needle", "interaction", "motion")  # fields that a model was trained under
 NAMES = ("mesh_file",)  # of files, which their digests tell apart
 
 
@@ -20,6 +17,8 @@ def with_model_digest(controller: Controller) -> Controller:
     """A learned controller with the digest of its model, which has been read and checked. Raises ScenarioError."""
     if not isinstance(controller, Learned):
         return controller
+    from simcore.learning import model_digest
+
     found = model_digest(controller.kind, controller.model, controller.model_sha256)
     return controller.model_copy(update={"model_sha256": found})
 
@@ -35,22 +34,26 @@ def plugin_problems(controller: Controller) -> list[Problem]:
     return [Problem("controller.name", controller.name, f"is no controller of the group {plugins.GROUP}; {there}")]
 
 
-def training_warnings(s: Scenario) -> list[str]:
-    """Where a learned controller runs outside of what its model was trained on; one line for each field."""
-    if not isinstance(s.controller, Learned):
+def training_warnings(controller: Controller, trajectory: StraightTrajectory, conditions: dict[str, Any]) -> list[str]:
+    """Where a learned controller runs outside of what its model was trained on; one line for each field.
+
+    conditions: the scenario's CONDITIONS as JSON data.
+    """
+    if not isinstance(controller, Learned):
         return []
-    assert s.controller.model_sha256 is not None
-    trained = load_model(s.controller.kind, s.controller.model, s.controller.model_sha256).provenance.get("trained_on")
+    from simcore.learning import load_model
+
+    assert controller.model_sha256 is not None
+    trained = load_model(controller.kind, controller.model, controller.model_sha256).provenance.get("trained_on")
     if not isinstance(trained, dict):
-        return [f"controller.model = {s.controller.model}: it does not say what it was trained on"]
-    differences = [*_block_differences(s, trained), *_path_differences(s, trained)]
+        return [f"controller.model = {controller.model}: it does not say what it was trained on"]
+    differences = [*_block_differences(conditions, trained), *_path_differences(trajectory, trained)]
     return [
         f"{field} = {value}: the model of the controller was trained {known}" for field, value, known in differences
     ]
 
 
-def _block_differences(s: Scenario, trained: dict[str, Any]) -> list[tuple[str, Any, str]]:
-    now = s.model_dump(mode="json", include={"dt_s", "motion", *COMPARED})
+def _block_differences(now: dict[str, Any], trained: dict[str, Any]) -> list[tuple[str, Any, str]]:
     found = []
     for name, value in now.items():
         before = trained.get(name)
@@ -64,8 +67,8 @@ def _block_differences(s: Scenario, trained: dict[str, Any]) -> list[tuple[str, 
     return found
 
 
-def _path_differences(s: Scenario, trained: dict[str, Any]) -> list[tuple[str, Any, str]]:
-    path, before = s.trajectory, trained.get("trajectory", {})
+def _path_differences(path: StraightTrajectory, trained: dict[str, Any]) -> list[tuple[str, Any, str]]:
+    before = trained.get("trajectory", {})
     now = {"entry_mm": list(path.entry_mm), "speed_mm_s": path.speed_mm_s, "frame": path.frame}
     found = [(f"trajectory.{k}", v, f"at {before[k]}") for k, v in now.items() if before.get(k, v) != v]
     box = trained.get("path_box_mm")

@@ -5,17 +5,14 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from simcore.arrays import Floats, Ints
 from simcore.errors import Problem, ScenarioError
+from simcore.mesh.numbering import free_node_order, half_bandwidth, held_nodes
 from simcore.mesh.reader import digest_of, load_mesh
 from simcore.mesh.tet_mesh import TetMesh
 from simcore.scenario.blocks import Tissue
-from simcore.tissue.model import free_node_order, half_bandwidth, held_nodes
 from simcore.trajectory import Path
-
-Vector = NDArray[np.float64]
-Indices = NDArray[np.int64]
 
 ON_SURFACE_MM = 0.05  # how far the entry may be from the surface, and the path outside it
 PATH_STEP_MM = 0.5  # between the points of the path that are looked at
@@ -47,7 +44,7 @@ def _fixed_problems(mesh: TetMesh, tissue: Tissue) -> list[Problem]:
         return [Problem("tissue.fixed_faces", face, allowed) for face in absent]
     if not tissue.fixed_faces and not tissue.fixed_sets:
         return [Problem("tissue.fixed_sets", [], "must name at least one set, where tissue.fixed_faces names no face")]
-    held = held_nodes(mesh, tissue)
+    held = held_nodes(mesh, tissue.fixed_faces, tissue.fixed_sets)
     name, value = ("fixed_sets", tissue.fixed_sets) if tissue.fixed_sets else ("fixed_faces", tissue.fixed_faces)
     if np.linalg.matrix_rank(mesh.nodes_m[held] - mesh.nodes_m[held[0]], tol=1e-6) < 2:
         return [Problem(f"tissue.{name}", list(value), f"holds {len(held)} nodes; at least 3 not on a line are needed")]
@@ -56,7 +53,7 @@ def _fixed_problems(mesh: TetMesh, tissue: Tissue) -> list[Problem]:
     return _factor_problems(mesh, tissue, held)
 
 
-def _factor_problems(mesh: TetMesh, tissue: Tissue, held: Indices) -> list[Problem]:
+def _factor_problems(mesh: TetMesh, tissue: Tissue, held: Ints) -> list[Problem]:
     unknown = free_node_order(mesh, held)
     megabytes = 4e-6 * 3 * np.count_nonzero(unknown >= 0) * (half_bandwidth(mesh.tets, unknown) + 1)
     if megabytes <= MAXIMUM_FACTOR_MB:
@@ -77,7 +74,7 @@ def path_problems(tissue: Tissue, path: Path) -> list[Problem]:
             f"must lie on the mesh's surface within {ON_SURFACE_MM:g} mm; {_mm(nearest)} does, {apart:.3g} mm away"
         )
         return [Problem("trajectory.entry_mm", entry, allowed)]
-    if np.isin(mesh.surface_triangles[triangle], held_nodes(mesh, tissue)).all():
+    if np.isin(mesh.surface_triangles[triangle], held_nodes(mesh, tissue.fixed_faces, tissue.fixed_sets)).all():
         return [Problem("trajectory.entry_mm", entry, "must not lie on a held part of the surface")]
     inward = mesh.inward_normal(path.entry_m)
     if path.first_tangent() @ inward <= 0.0:
@@ -93,5 +90,5 @@ def path_problems(tissue: Tissue, path: Path) -> list[Problem]:
     return [Problem("trajectory.target_mm", end, allowed)]
 
 
-def _mm(point_m: Vector) -> str:
+def _mm(point_m: Floats) -> str:
     return "[" + ", ".join(f"{1e3 * value:.4f}" for value in point_m) + "]"

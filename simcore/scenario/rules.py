@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import copy
 import math
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
@@ -17,34 +17,55 @@ from simcore.scenario.blocks import (
     STAND_OFF_MM,
     Breathing,
     Interaction,
+    Needle,
     SineTrajectory,
+    Still,
+    StraightTrajectory,
     Tissue,
 )
 from simcore.scenario.controller_blocks import Controller, FrozenJacobian, InverseFem, Replay, SeparateModel
 from simcore.scenario.controller_rules import plugin_problems
-from simcore.scenario.mesh_rules import fields_of_mesh, path_problems
-
-if TYPE_CHECKING:
-    from simcore.scenario.scenario import Scenario
+from simcore.trajectory import step_count
 
 
-def problems_between(s: Scenario) -> list[Problem]:
+def problems_between(
+    *,
+    tissue: Tissue,
+    needle: Needle,
+    interaction: Interaction,
+    trajectory: StraightTrajectory,
+    motion: Still | Breathing,
+    controller: Controller,
+    dt_s: float,
+) -> list[Problem]:
     """All that is wrong between the fields of a scenario whose fields are each in range."""
     return [
-        *_needle_problems(s),
-        *_tissue_problems(s),
-        *_path_problems(s),
-        *_motion_problems(s),
-        *_pose_problems(s),
-        *_model_problems(s),
-        *plugin_problems(s.controller),
+        *_needle_problems(needle, interaction, tissue),
+        *_tissue_problems(tissue),
+        *(
+            _path_problems(trajectory, tissue)
+            or [*_length_problems(trajectory, needle), *_step_problems(steps_along(trajectory, controller, dt_s), dt_s)]
+        ),
+        *_motion_problems(motion),
+        *_pose_problems(controller),
+        *_model_problems(controller, tissue),
+        *plugin_problems(controller),
     ]
+
+
+def steps_along(trajectory: StraightTrajectory, controller: Controller, dt_s: float) -> int:
+    """Number of steps: the replay's poses, or ceil(path length / (speed dt))."""
+    if isinstance(controller, Replay):
+        return len(controller.poses)
+    return step_count(trajectory.path().length_m, trajectory.speed_mm_s * 1e-3, dt_s)
 
 
 def with_mesh(tissue: Tissue) -> Tissue:
     """The tissue with digest, size and element size of its mesh file."""
     if tissue.mesh_file is None:
         return tissue
+    from simcore.scenario.mesh_rules import fields_of_mesh  # with the mesh kernels: only where there is a mesh file
+
     return tissue.model_copy(update=fields_of_mesh(tissue))
 
 
@@ -62,9 +83,9 @@ def without_derived(resolved: dict[str, Any]) -> dict[str, Any]:
     """
     data = copy.deepcopy(resolved)
     interaction, model = data["interaction"], data["controller"].get("model")
-    if isinstance(model, dict) and "spacing_mm" in model:
-        if model["spacing_mm"] == max(interaction["spacing_mm"], model["element_size_mm"]):
-            model["spacing_mm"] = None
+    if isinstance(model, dict) and model.get("spacing_mm") is not None:
+        derived = max(interaction["spacing_mm"], model["element_size_mm"])
+        model["spacing_mm"] = None if model["spacing_mm"] == derived else model["spacing_mm"]
     if interaction["spacing_mm"] == max(MINIMUM_SPACING_MM, data["tissue"]["element_size_mm"]):
         interaction["spacing_mm"] = None
     return data
@@ -77,53 +98,53 @@ def separate_model(controller: Controller) -> SeparateModel | None:
     return None
 
 
-def with_model_spacing(controller: Controller, s: Scenario) -> Controller:
+def with_model_spacing(controller: Controller, interaction: Interaction, tissue: Tissue) -> Controller:
     """The controller with the derived mesh and spacing of its separate model, if it has one."""
     model = separate_model(controller)
-    return controller.model_copy(update={"model": _with_spacing(model, s)}) if model else controller
+    return controller.model_copy(update={"model": _with_spacing(model, interaction, tissue)}) if model else controller
 
 
-def _needle_problems(s: Scenario) -> list[Problem]:
-    needle, spacing = s.needle, s.interaction.spacing_mm
+def _needle_problems(needle: Needle, interaction: Interaction, tissue: Tissue) -> list[Problem]:
+    spacing = interaction.spacing_mm
     problems = []
     if needle.inner_diameter_mm >= needle.outer_diameter_mm:
         allowed = f"must be below needle.outer_diameter_mm = {needle.outer_diameter_mm:g}"
         problems.append(Problem("needle.inner_diameter_mm", needle.inner_diameter_mm, allowed))
-    if spacing is not None and spacing < s.tissue.element_size_mm:
-        allowed = f"must be at least tissue.element_size_mm = {s.tissue.element_size_mm:g}, closer rows lock; or null"
+    if spacing is not None and spacing < tissue.element_size_mm:
+        allowed = f"must be at least tissue.element_size_mm = {tissue.element_size_mm:g}, closer rows lock; or null"
         problems.append(Problem("interaction.spacing_mm", spacing, allowed))
-    if 0.0 < s.interaction.spread_mm < 0.1:
-        problems.append(Problem("interaction.spread_mm", s.interaction.spread_mm, "must be 0 or 0.1 to 20"))
+    if 0.0 < interaction.spread_mm < 0.1:
+        problems.append(Problem("interaction.spread_mm", interaction.spread_mm, "must be 0 or 0.1 to 20"))
     return problems
 
 
-def _tissue_problems(s: Scenario) -> list[Problem]:
+def _tissue_problems(tissue: Tissue) -> list[Problem]:
     problems = []
-    if len(set(s.tissue.fixed_faces)) < len(s.tissue.fixed_faces):
-        problems.append(Problem("tissue.fixed_faces", list(s.tissue.fixed_faces), "must name each face once"))
-    if s.tissue.mesh_file is not None:
+    if len(set(tissue.fixed_faces)) < len(tissue.fixed_faces):
+        problems.append(Problem("tissue.fixed_faces", list(tissue.fixed_faces), "must name each face once"))
+    if tissue.mesh_file is not None:
         return problems
-    if math.prod(s.tissue.cells) > MAXIMUM_CELLS:
-        allowed = f"gives {math.prod(s.tissue.cells)} cells, at most {MAXIMUM_CELLS} are allowed"
-        problems.append(Problem("tissue.element_size_mm", s.tissue.element_size_mm, allowed))
-    if not s.tissue.fixed_faces:
+    if math.prod(tissue.cells) > MAXIMUM_CELLS:
+        allowed = f"gives {math.prod(tissue.cells)} cells, at most {MAXIMUM_CELLS} are allowed"
+        problems.append(Problem("tissue.element_size_mm", tissue.element_size_mm, allowed))
+    if not tissue.fixed_faces:
         problems.append(Problem("tissue.fixed_faces", [], "must name at least one face"))
-    for axis, cells in zip("xyz", s.tissue.cells, strict=True):
-        if cells == 1 and {f"{axis}_min", f"{axis}_max"} <= set(s.tissue.fixed_faces):
+    for axis, cells in zip("xyz", tissue.cells, strict=True):
+        if cells == 1 and {f"{axis}_min", f"{axis}_max"} <= set(tissue.fixed_faces):
             allowed = f"gives one cell along {axis} between two fixed faces: nothing could move"
-            problems.append(Problem("tissue.element_size_mm", s.tissue.element_size_mm, allowed))
+            problems.append(Problem("tissue.element_size_mm", tissue.element_size_mm, allowed))
     for name, unset in (("fixed_sets", ()), ("mesh_unit_mm", 1.0), ("mesh_sha256", None)):
-        value = getattr(s.tissue, name)
+        value = getattr(tissue, name)
         if value != unset:
             allowed = "must be left out: it belongs to tissue.mesh_file, which is not given"
             problems.append(Problem(f"tissue.{name}", value, allowed))
     return problems
 
 
-def _path_problems(s: Scenario) -> list[Problem]:
-    path, size = s.trajectory, s.tissue.size_mm
-    if s.tissue.mesh_file is not None:
-        return _mesh_path_problems(s) or [*_length_problems(s), *_step_problems(s)]
+def _path_problems(path: StraightTrajectory, tissue: Tissue) -> list[Problem]:
+    size = tissue.size_mm
+    if tissue.mesh_file is not None:
+        return _mesh_path_problems(path, tissue)
     x, y, z = path.entry_mm
     if z != 0.0 or not (0.0 < x < size[0] and 0.0 < y < size[1]):
         allowed = f"must lie on the face z = 0, inside 0 < x < {size[0]:g}, 0 < y < {size[1]:g}"
@@ -132,20 +153,20 @@ def _path_problems(s: Scenario) -> list[Problem]:
     if not (0.0 < tx < size[0] and 0.0 < ty < size[1] and MINIMUM_DEPTH_MM <= tz <= size[2]):
         inside = f"0 < x < {size[0]:g}, 0 < y < {size[1]:g}, {MINIMUM_DEPTH_MM:g} <= z <= {size[2]:g}"
         return [Problem("trajectory.target_mm", list(path.target_mm), f"must lie below the entry, inside {inside}")]
-    return _overlay_problems(s) or [*_length_problems(s), *_step_problems(s)]
+    return _overlay_problems(path, tissue)
 
 
-def _mesh_path_problems(s: Scenario) -> list[Problem]:
-    path = s.trajectory
+def _mesh_path_problems(path: StraightTrajectory, tissue: Tissue) -> list[Problem]:
     length = math.dist(path.entry_mm, path.target_mm)
     if length < MINIMUM_DEPTH_MM:
         allowed = f"is {length:.3g} mm from trajectory.entry_mm; it must be at least {MINIMUM_DEPTH_MM:g}"
         return [Problem("trajectory.target_mm", list(path.target_mm), allowed)]
-    return _direction_problems(s) or path_problems(s.tissue, s.path())
+    from simcore.scenario.mesh_rules import path_problems
+
+    return _direction_problems(path) or path_problems(tissue, path.path())
 
 
-def _direction_problems(s: Scenario) -> list[Problem]:
-    path = s.trajectory
+def _direction_problems(path: StraightTrajectory) -> list[Problem]:
     if not isinstance(path, SineTrajectory):
         return []
     chord = np.subtract(path.target_mm, path.entry_mm)
@@ -161,44 +182,42 @@ def _direction_problems(s: Scenario) -> list[Problem]:
     return []
 
 
-def _overlay_problems(s: Scenario) -> list[Problem]:
-    path = s.trajectory
+def _overlay_problems(path: StraightTrajectory, tissue: Tissue) -> list[Problem]:
     if not isinstance(path, SineTrajectory):
         return []
-    if problems := _direction_problems(s):
+    if problems := _direction_problems(path):
         return problems
     points = path.path().curve(np.linspace(0.0, 1.0, 1001))
     low, high = points.min(axis=0), points.max(axis=0)
-    if (low < -1e-12).any() or (high > np.array(s.tissue.size_mm) * 1e-3 + 1e-12).any():
+    if (low < -1e-12).any() or (high > np.array(tissue.size_mm) * 1e-3 + 1e-12).any():
         return [Problem("trajectory.amplitude_mm", path.amplitude_mm, "must keep the whole path inside the block")]
     return []
 
 
-def _length_problems(s: Scenario) -> list[Problem]:
-    length = 1e3 * s.path().length_m
-    if s.needle.length_mm >= length + STAND_OFF_MM - 1e-9:
+def _length_problems(path: StraightTrajectory, needle: Needle) -> list[Problem]:
+    length = 1e3 * path.path().length_m
+    if needle.length_mm >= length + STAND_OFF_MM - 1e-9:
         return []
     allowed = f"must be at least {length + STAND_OFF_MM:.6g} (path {length:.6g} plus stand-off {STAND_OFF_MM:g})"
-    return [Problem("needle.length_mm", s.needle.length_mm, allowed)]
+    return [Problem("needle.length_mm", needle.length_mm, allowed)]
 
 
-def _step_problems(s: Scenario) -> list[Problem]:
-    if s.steps <= MAXIMUM_STEPS:
+def _step_problems(steps: int, dt_s: float) -> list[Problem]:
+    if steps <= MAXIMUM_STEPS:
         return []
-    return [Problem("dt_s", s.dt_s, f"gives {s.steps} steps, at most {MAXIMUM_STEPS} are allowed")]
+    return [Problem("dt_s", dt_s, f"gives {steps} steps, at most {MAXIMUM_STEPS} are allowed")]
 
 
-def _motion_problems(s: Scenario) -> list[Problem]:
-    motion = s.motion
+def _motion_problems(motion: Still | Breathing) -> list[Problem]:
     if isinstance(motion, Breathing) and math.hypot(*motion.direction) < 1e-6:
         return [Problem("motion.direction", list(motion.direction), "must be a vector at least 1e-6 long")]
     return []
 
 
-def _pose_problems(s: Scenario) -> list[Problem]:
-    if not isinstance(s.controller, Replay):
+def _pose_problems(controller: Controller) -> list[Problem]:
+    if not isinstance(controller, Replay):
         return []
-    for i, pose in enumerate(s.controller.poses):
+    for i, pose in enumerate(controller.poses):
         norm = math.hypot(*pose[3:])
         if abs(norm - 1.0) > 1e-3:
             return [
@@ -213,24 +232,24 @@ def _pose_problems(s: Scenario) -> list[Problem]:
     return []
 
 
-def _with_spacing(model: SeparateModel, s: Scenario) -> SeparateModel:
-    if s.tissue.mesh_file is not None:
-        model = model.model_copy(update={"element_size_mm": s.tissue.element_size_mm})
+def _with_spacing(model: SeparateModel, interaction: Interaction, tissue: Tissue) -> SeparateModel:
+    if tissue.mesh_file is not None:
+        model = model.model_copy(update={"element_size_mm": tissue.element_size_mm})
     if model.spacing_mm is not None:
         return model
-    assert s.interaction.spacing_mm is not None
-    return model.model_copy(update={"spacing_mm": max(s.interaction.spacing_mm, model.element_size_mm)})
+    assert interaction.spacing_mm is not None
+    return model.model_copy(update={"spacing_mm": max(interaction.spacing_mm, model.element_size_mm)})
 
 
-def _model_problems(s: Scenario) -> list[Problem]:
-    model, problems = separate_model(s.controller), list[Problem]()
+def _model_problems(controller: Controller, tissue: Tissue) -> list[Problem]:
+    model, problems = separate_model(controller), list[Problem]()
     if model is None:
         return problems
     if model.spacing_mm is not None and model.spacing_mm < model.element_size_mm:
         allowed = f"must be at least controller.model.element_size_mm = {model.element_size_mm:g}: closer rows lock"
         problems.append(Problem("controller.model.spacing_mm", model.spacing_mm, allowed))
-    cells = math.prod(s.tissue.model_copy(update={"element_size_mm": model.element_size_mm}).cells)
-    if cells > MAXIMUM_CELLS and s.tissue.mesh_file is None:
+    cells = math.prod(tissue.model_copy(update={"element_size_mm": model.element_size_mm}).cells)
+    if cells > MAXIMUM_CELLS and tissue.mesh_file is None:
         allowed = f"gives {cells} cells, at most {MAXIMUM_CELLS} are allowed"
         problems.append(Problem("controller.model.element_size_mm", model.element_size_mm, allowed))
     return problems

@@ -48,10 +48,17 @@ from simcore.scenario.controller_blocks import (
     SharedModel,
     SmallNetwork,
 )
-from simcore.scenario.controller_rules import training_warnings, with_model_digest
-from simcore.scenario.rules import problems_between, separate_model, with_mesh, with_model_spacing, with_spacing
+from simcore.scenario.controller_rules import CONDITIONS, training_warnings, with_model_digest
+from simcore.scenario.rules import (
+    problems_between,
+    separate_model,
+    steps_along,
+    with_mesh,
+    with_model_spacing,
+    with_spacing,
+)
 from simcore.scenario.validation import problems_of
-from simcore.trajectory import Path, step_count
+from simcore.trajectory import Path
 
 __all__ = [
     "MAXIMUM_CELLS",
@@ -88,7 +95,12 @@ __all__ = [
 
 
 class Scenario(Block):
-    """One insertion. `Scenario.load` turns any JSON value into one, or says what is wrong with it."""
+    """One insertion. `Scenario.load` turns any JSON value into one, or says what is wrong with it.
+
+    >>> scenario = Scenario.load({"tissue": {"young_kpa": 5.5}, "trajectory": {"target_mm": [18, 31, 60]}})
+    >>> scenario.steps, scenario.interaction.spacing_mm
+    (600, 6.0)
+    """
 
     model_config = ConfigDict(extra="forbid", frozen=True, hide_input_in_errors=True, serialize_by_alias=True)
 
@@ -127,8 +139,18 @@ class Scenario(Block):
         settle = object.__setattr__
         settle(self, "tissue", with_mesh(self.tissue))
         settle(self, "interaction", with_spacing(self.interaction, self.tissue))
-        settle(self, "controller", with_model_digest(with_model_spacing(self.controller, self)))
-        if problems := problems_between(self):
+        controller = with_model_spacing(self.controller, self.interaction, self.tissue)
+        settle(self, "controller", with_model_digest(controller))
+        problems = problems_between(
+            tissue=self.tissue,
+            needle=self.needle,
+            interaction=self.interaction,
+            trajectory=self.trajectory,
+            motion=self.motion,
+            controller=self.controller,
+            dt_s=self.dt_s,
+        )
+        if problems:
             raise ScenarioError(problems)
         return self
 
@@ -161,9 +183,7 @@ class Scenario(Block):
     @property
     def steps(self) -> int:
         """Number of steps: the replay's poses, or ceil(path length / (speed dt))."""
-        if isinstance(self.controller, Replay):
-            return len(self.controller.poses)
-        return step_count(self.path().length_m, self.trajectory.speed_mm_s * 1e-3, self.dt_s)
+        return steps_along(self.trajectory, self.controller, self.dt_s)
 
     def warnings(self) -> list[str]:
         """What is allowed but unusual."""
@@ -175,4 +195,5 @@ class Scenario(Block):
             for field, value in frictions.items()
             if value > 0.3
         ]
-        return [*far, *training_warnings(self)]
+        conditions = self.model_dump(mode="json", include=set(CONDITIONS))
+        return [*far, *training_warnings(self.controller, self.trajectory, conditions)]

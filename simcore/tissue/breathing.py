@@ -13,11 +13,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
-from simcore.scenario.scenario import Breathing, Still
-
-Vector = NDArray[np.float64]
+from simcore.arrays import Floats
 
 
 @dataclass(frozen=True)
@@ -26,18 +23,10 @@ class BreathingMotion:
 
     amplitude_m: float
     period_s: float
-    direction: Vector
+    direction: Floats
 
-    @classmethod
-    def from_scenario(cls, motion: Still | Breathing) -> BreathingMotion | None:
-        """The motion of a scenario; None if the held nodes stay where they are."""
-        if isinstance(motion, Still):
-            return None
-        direction = np.array(motion.direction)
-        return cls(motion.amplitude_mm * 1e-3, motion.period_s, direction / np.linalg.norm(direction))
-
-    def shift_m(self, t_s: float) -> Vector:
+    def shift_m(self, t_s: float) -> Floats:
         """(3,) m, world: displacement of every held node from the reference shape at time t."""
         share = np.sin(np.pi * ((t_s / self.period_s) % 1.0)) ** 2
-        shift: Vector = 2.0 * self.amplitude_m * share * self.direction
+        shift: Floats = 2.0 * self.amplitude_m * share * self.direction
         return shift

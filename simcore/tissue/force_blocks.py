@@ -13,11 +13,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from simcore.arrays import Floats
 from simcore.compiled import inlined, kernel
 from simcore.tissue.model import TissueModel, cold_polar_rotation, polar_rotation
 
-Vector = NDArray[np.float64]
-Indices = NDArray[np.uint32]
+Corners = NDArray[np.uint32]
 
 LANES = 64
 ROWS = 30  # of a block: F 0-8, R 9-17, P 18-26, volume 27, last squared rotation increment 28, det F 29
@@ -31,8 +31,8 @@ class ForceBlocks:
         self.model = model
         count = len(model.mesh.tets)
         self.count, self.blocks = count, -(-count // LANES)
-        self.corners: Indices = self._blocked(model.mesh.tets).astype(np.uint32)
-        self.gradients: Vector = self._blocked(model.gradients[:, 1:].reshape(count, 9))
+        self.corners: Corners = self._blocked(model.mesh.tets).astype(np.uint32)
+        self.gradients: Floats = self._blocked(model.gradients[:, 1:].reshape(count, 9))
         state = np.zeros((self.blocks, ROWS, LANES))
         state[:, 9:18] = np.eye(3).reshape(1, 9, 1)
         state[:, 27] = np.concatenate([model.volumes_m3, np.zeros(self.blocks * LANES - count)]).reshape(-1, LANES)
@@ -43,18 +43,18 @@ class ForceBlocks:
         padded = np.concatenate([rows, np.repeat(rows[:1], self.blocks * LANES - self.count, axis=0)])
         return np.ascontiguousarray(padded.reshape(self.blocks, LANES, -1).transpose(0, 2, 1))
 
-    def rotations(self) -> Vector:
+    def rotations(self) -> Floats:
         """(t, 9) row-major polar rotations at the last evaluation."""
         blocks = self.state.reshape(self.blocks, ROWS, LANES)[:, 9:18]
         return np.ascontiguousarray(blocks.transpose(0, 2, 1).reshape(-1, 9)[: self.count])
 
-    def set_rotations(self, rotations: Vector) -> None:
+    def set_rotations(self, rotations: Floats) -> None:
         """Restore the warm start from `rotations()`."""
         padded = np.concatenate([rotations, np.tile(np.eye(3).ravel(), (self.blocks * LANES - self.count, 1))])
         blocks = self.state.reshape(self.blocks, ROWS, LANES)
         blocks[:, 9:18] = padded.reshape(self.blocks, LANES, 9).transpose(0, 2, 1)
 
-    def evaluate(self, x: Vector, forces: Vector) -> float:
+    def evaluate(self, x: Floats, forces: Floats) -> float:
         """Forces that hold the tissue at x (n, 3) m, written to forces (n, 3) N; returns min det F."""
         model = self.model
         gather_gradients(x, self.corners, self.gradients, self.state)
@@ -64,7 +64,7 @@ class ForceBlocks:
 
 
 @kernel
-def gather_gradients(x: Vector, corners: Indices, gradients: Vector, state: Vector) -> None:
+def gather_gradients(x: Floats, corners: Corners, gradients: Floats, state: Floats) -> None:
     """Rows F = sum_a (x_a - x_0) (x) grad N_a of each tetrahedron."""
     edges = np.empty((9, LANES))
     for b in range(len(corners)):
@@ -131,8 +131,11 @@ def newton_rotation(f: tuple[float, ...], r: tuple[float, ...]) -> tuple[tuple[f
 
 
 @kernel
-def rotate_and_stress(state: Vector, blocks: int, mu: float, lam: float) -> None:
+def rotate_and_stress(state: Floats, blocks: int, mu: float, lam: float) -> None:
     """Rows R, P, increment and det F from the rows F and R: two Newton iterations, then V P (V the volume)."""
+    # P = 2 mu (F - R) + lambda tr(R^T F - I) R, written as m F + q R so that each entry is two products and one sum.
+    # R starts from that of the last evaluation; two Newton iterations settle it in almost every tetrahedron of a step,
+    # `finish_rotations` does the rest. A fixed number and no branch: the compiler makes eight lanes one instruction.
     lanes = np.uint64(LANES)
     for block in range(blocks):
         base = np.uint64(block) * np.uint64(ROWS * LANES)
@@ -196,7 +199,7 @@ def rotate_and_stress(state: Vector, blocks: int, mu: float, lam: float) -> None
 
 
 @kernel
-def finish_rotations(state: Vector, blocks: int, mu: float, lam: float) -> None:
+def finish_rotations(state: Floats, blocks: int, mu: float, lam: float) -> None:
     """Iterate to the end, from the singular value decomposition if need be, where two iterations were not enough."""
     f, r = np.empty(9), np.empty(9)
     for block in range(blocks):
@@ -221,8 +224,8 @@ def finish_rotations(state: Vector, blocks: int, mu: float, lam: float) -> None:
 
 
 @kernel
-def scatter_forces(state: Vector, corners: Indices, gradients: Vector, forces: Vector) -> float:
-    """forces (n, 3) = sum V P grad N_a, written; returns min det F."""
+def scatter_forces(state: Floats, corners: Corners, gradients: Floats, forces: Floats) -> float:
+    """Write forces (n, 3) = sum V P grad N_a, N; returns min det F."""
     forces[:] = 0.0
     f = np.empty((9, LANES))
     least = np.inf

@@ -10,19 +10,38 @@ The matrix that is factored is sum R_e K_e R_e^T (+ mass, damping): positive sem
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
+from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from simcore.arrays import Floats, Ints, Singles
 from simcore.compiled import kernel
-from simcore.mesh.mesh import Mesh, box_mesh
-from simcore.mesh.reader import load_mesh
-from simcore.scenario.blocks import Tissue
-
-Vector = NDArray[np.float64]
-Indices = NDArray[np.int64]
+from simcore.mesh.mesh import Mesh
+from simcore.mesh.numbering import free_node_order, half_bandwidth
 
 POLAR_ITERATIONS = 30
+
+
+class Tetrahedra(NamedTuple):
+    """What kernels know of the elements: tets (t, 4), gradients (t, 4, 3) 1/m, volumes (t,) m3, mu and lambda."""
+
+    tets: Ints
+    gradients: Floats
+    volumes_m3: Floats
+    mu_pa: float
+    lambda_pa: float
+
+
+@dataclass(frozen=True)
+class Material:
+    """Linear elasticity, mass, and Rayleigh damping C = alpha M + beta K; without mass and damping = quasi-static."""
+
+    young_pa: float
+    poisson: float
+    density_kg_m3: float = 0.0
+    rayleigh_mass_per_s: float = 0.0  # alpha
+    rayleigh_stiffness_s: float = 0.0  # beta
 
 
 @dataclass(frozen=True)
@@ -39,87 +58,59 @@ class TissueModel:
     lambda_pa: float
     mass_damping_per_s: float
     stiffness_damping_s: float
-    gradients: Vector
-    volumes_m3: Vector
-    masses_kg: Vector
-    unknown: Indices
+    gradients: Floats
+    volumes_m3: Floats
+    masses_kg: Floats
+    unknown: Ints
     band: int
 
-    @property
+    @cached_property
     def unknowns(self) -> int:
         """Degrees of freedom that are not held."""
         return 3 * int(np.count_nonzero(self.unknown >= 0))
 
+    @cached_property
+    def tetrahedra(self) -> Tetrahedra:
+        """The elements, for kernels."""
+        return Tetrahedra(self.mesh.tets, self.gradients, self.volumes_m3, self.mu_pa, self.lambda_pa)
+
     @classmethod
-    def from_scenario(cls, tissue: Tissue) -> TissueModel:
-        """The tissue of a scenario. Raises ScenarioError for a mesh file that is no longer the one it names."""
-        mesh = mesh_of(tissue)
-        held = held_nodes(mesh, tissue)
-        young = tissue.young_kpa * 1e3
+    def of(cls, mesh: Mesh, held: Ints, material: Material) -> TissueModel:
+        """A body of this material in the shape of `mesh`, its nodes `held` (k,) held."""
         gradients, volumes = shape_gradients(mesh.nodes_m, mesh.tets)
         unknown = free_node_order(mesh, held)
+        young, poisson = material.young_pa, material.poisson
         return cls(
             mesh=mesh,
-            mu_pa=young / (2 * (1 + tissue.poisson)),
-            lambda_pa=young * tissue.poisson / ((1 + tissue.poisson) * (1 - 2 * tissue.poisson)),
-            mass_damping_per_s=tissue.rayleigh_mass_per_s,
-            stiffness_damping_s=tissue.rayleigh_stiffness_s,
+            mu_pa=young / (2 * (1 + poisson)),
+            lambda_pa=young * poisson / ((1 + poisson) * (1 - 2 * poisson)),
+            mass_damping_per_s=material.rayleigh_mass_per_s,
+            stiffness_damping_s=material.rayleigh_stiffness_s,
             gradients=gradients,
             volumes_m3=volumes,
-            masses_kg=lumped_masses(mesh, volumes, tissue.density_kg_m3),
+            masses_kg=lumped_masses(mesh, volumes, material.density_kg_m3),
             unknown=unknown,
             band=half_bandwidth(mesh.tets, unknown),
         )
 
 
-def mesh_of(tissue: Tissue) -> Mesh:
-    """The block, or the mesh from the scenario's file."""
-    if tissue.mesh_file is None:
-        return box_mesh(np.array(tissue.size_mm) * 1e-3, tissue.cells)
-    return load_mesh(tissue.mesh_file, unit_mm=tissue.mesh_unit_mm, names=tissue.fixed_sets, sha256=tissue.mesh_sha256)
-
-
-def held_nodes(mesh: Mesh, tissue: Tissue) -> Indices:
-    """The nodes of the scenario's fixed faces and sets, in ascending order."""
-    parts = [*(mesh.faces[face] for face in tissue.fixed_faces), *(mesh.sets[name] for name in tissue.fixed_sets)]
-    return np.unique(np.concatenate(parts))
-
-
-def shape_gradients(nodes_m: Vector, tets: Indices) -> tuple[Vector, Vector]:
-    """grad N_a (t, 4, 3) 1/m and volumes (t,) m3 of linear tetrahedra at rest."""
+def shape_gradients(nodes_m: Floats, tets: Ints) -> tuple[Floats, Floats]:
+    """Gradients grad N_a (t, 4, 3) 1/m and volumes (t,) m3 of linear tetrahedra at rest."""
     edges = nodes_m[tets[:, 1:]] - nodes_m[tets[:, :1]]
     volumes = np.linalg.det(edges) / 6.0
     inner = np.swapaxes(np.linalg.inv(edges), 1, 2)
     return np.concatenate([-inner.sum(axis=1, keepdims=True), inner], axis=1), volumes
 
 
-def lumped_masses(mesh: Mesh, volumes_m3: Vector, density_kg_m3: float) -> Vector:
+def lumped_masses(mesh: Mesh, volumes_m3: Floats, density_kg_m3: float) -> Floats:
     """(n,) kg: a quarter of each tetrahedron's mass to each of its nodes."""
     masses = np.zeros(len(mesh.nodes_m))
     np.add.at(masses, mesh.tets, np.repeat(density_kg_m3 * volumes_m3 / 4.0, 4).reshape(-1, 4))
     return masses
 
 
-def free_node_order(mesh: Mesh, held: Indices) -> Indices:
-    """(n,) rank of each free node in the order of the factor, the one of narrowest band; -1 if held."""
-    ranks = []
-    for free in mesh.node_orders(held):
-        unknown = np.full(len(mesh.nodes_m), -1)
-        unknown[free] = np.arange(len(free))
-        ranks.append(unknown)
-    return min(ranks, key=lambda unknown: half_bandwidth(mesh.tets, unknown))
-
-
-def half_bandwidth(tets: Indices, unknown: Indices) -> int:
-    """Largest distance of two coupled degrees of freedom."""
-    ranks = unknown[tets]
-    largest = np.where(ranks < 0, -1, ranks).max(axis=1)
-    smallest = np.where(ranks < 0, np.iinfo(np.int64).max, ranks).min(axis=1)
-    return int(3 * (largest - smallest)[largest >= 0].max() + 2)
-
-
 @kernel
-def polar_rotation(f: Vector, r: Vector) -> bool:
+def polar_rotation(f: Floats, r: Floats) -> bool:
     """Exact rotation of F = R S by Newton's method, from the guess in r; False if it found none.
 
     f, r: (9,) row-major. With B = R^T F, the increment w of R <- R cay(w) solves (tr(S) I - S) w = 2 axial(B),
@@ -168,7 +159,7 @@ def polar_rotation(f: Vector, r: Vector) -> bool:
 
 
 @kernel
-def cold_polar_rotation(f: Vector, r: Vector) -> None:
+def cold_polar_rotation(f: Floats, r: Floats) -> None:
     """Rotation of F by the singular value decomposition, reflections removed: the fallback of the warm start."""
     u, _, vt = np.linalg.svd(f.copy().reshape(3, 3))
     if np.linalg.det(u) * np.linalg.det(vt) < 0.0:
@@ -181,14 +172,14 @@ def cold_polar_rotation(f: Vector, r: Vector) -> None:
 
 @kernel
 def elastic_forces(
-    x: Vector,
-    tets: Indices,
-    gradients: Vector,
-    volumes: Vector,
+    x: Floats,
+    tets: Ints,
+    gradients: Floats,
+    volumes: Floats,
     mu: float,
     lam: float,
-    rotations: Vector,
-    forces: Vector,
+    rotations: Floats,
+    forces: Floats,
 ) -> tuple[float, float]:
     """Forces that hold the tissue in place, (n, 3) N, written; returns (min det F, elastic energy in J).
 
@@ -227,16 +218,16 @@ def elastic_forces(
 
 @kernel
 def rotated_stiffness_times(
-    v: Vector,
-    tets: Indices,
-    gradients: Vector,
-    volumes: Vector,
+    v: Floats,
+    tets: Ints,
+    gradients: Floats,
+    volumes: Floats,
     mu: float,
     lam: float,
-    rotations: Vector,
-    out: Vector,
+    rotations: Floats,
+    out: Floats,
 ) -> None:
-    """out = sum R_e K_e R_e^T v, (n, 3), K_e the linear stiffness: out_a = V R (2 mu eps + lambda tr(eps) I) grad N_a
+    """Write out = sum R_e K_e R_e^T v, (n, 3), K_e the linear stiffness: V R (2 mu eps + lambda tr(eps) I) grad N_a
     with eps = sym(R^T grad v). Used for the stiffness-proportional damping."""
     out[:] = 0.0
     for e in range(len(tets)):
@@ -262,21 +253,13 @@ def rotated_stiffness_times(
 
 @kernel
 def assemble_band(
-    tets: Indices,
-    gradients: Vector,
-    volumes: Vector,
-    mu: float,
-    lam: float,
-    rotations: Vector,
-    unknown: Indices,
-    scale: float,
-    diagonal: Vector,
-    band: NDArray[np.float32],
+    tetrahedra: Tetrahedra, rotations: Floats, unknown: Ints, scale: float, diagonal: Floats, band: Singles
 ) -> None:
     """Lower band of scale * sum R_e K_e R_e^T + diag(diagonal), written: band[i - j, j] = A[i, j].
 
     With h_a = R grad N_a: K_ab = V (lambda h_a h_b^T + mu h_b h_a^T + mu (h_a . h_b) I). diagonal: (n,) per node.
     """
+    tets, gradients, volumes, mu, lam = tetrahedra
     band[:] = 0.0
     h = np.empty((4, 3))
     for e in range(len(tets)):

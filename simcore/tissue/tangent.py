@@ -9,19 +9,28 @@ It is symmetric and, under moderate compression, indefinite: it multiplies vecto
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import numpy as np
-from numpy.typing import NDArray
 
+from simcore.arrays import Floats, Ints
 from simcore.compiled import kernel
+from simcore.tissue.model import Tetrahedra
 
-Vector = NDArray[np.float64]
-Indices = NDArray[np.int64]
 Triple = tuple[float, float, float]
 Matrix = tuple[Triple, Triple, Triple]  # rows
 
 
+class Dynamics(NamedTuple):
+    """Of a step: inertia (n,) kg/s2 per node, M (1 / dt^2 + alpha / dt), stiffness damping beta s, and dt s."""
+
+    inertia: Floats
+    beta_s: float
+    dt_s: float
+
+
 @kernel
-def _row(m: Vector, n: Indices, i: int, g: Vector) -> Triple:
+def _row(m: Floats, n: Ints, i: int, g: Floats) -> Triple:
     a, b, c, d = m[n[0] + i], m[n[1] + i], m[n[2] + i], m[n[3] + i]
     return (
         a * g[0, 0] + b * g[1, 0] + c * g[2, 0] + d * g[3, 0],
@@ -31,7 +40,7 @@ def _row(m: Vector, n: Indices, i: int, g: Vector) -> Triple:
 
 
 @kernel
-def _gradient(m: Vector, n: Indices, g: Vector) -> Matrix:
+def _gradient(m: Floats, n: Ints, g: Floats) -> Matrix:
     """sum_a m_a (x) grad N_a of a flat nodal field m; n (4,): where the four nodes stand in it."""
     return _row(m, n, 0, g), _row(m, n, 1, g), _row(m, n, 2, g)
 
@@ -43,7 +52,7 @@ def _mixed(a: float, b: float, c: float, m: Matrix) -> Triple:
 
 
 @kernel
-def _turned_back(r: Vector, m: Matrix) -> Matrix:
+def _turned_back(r: Floats, m: Matrix) -> Matrix:
     """R^T M; r (9,) row-major."""
     return _mixed(r[0], r[3], r[6], m), _mixed(r[1], r[4], r[7], m), _mixed(r[2], r[5], r[8], m)
 
@@ -68,7 +77,7 @@ def _spun(w: Triple, m: Matrix) -> Matrix:
 
 @kernel
 def _added(a: float, m: Matrix, b: float, n: Matrix) -> Matrix:
-    """a M + b N."""
+    """Sum a M + b N."""
     (p, q, r), (u, v, w) = m, n
     return (
         (a * p[0] + b * u[0], a * p[1] + b * u[1], a * p[2] + b * u[2]),
@@ -97,7 +106,7 @@ def _turn_matrix(s: Matrix) -> Matrix:
 
 @kernel
 def _spin(turn: Matrix, a: Matrix) -> Triple:
-    """w of dR = R [w] for A = R^T dF."""
+    """Spin w of dR = R [w] for A = R^T dF."""
     p, q, r = a
     return _mixed(r[1] - q[2], p[2] - r[0], q[0] - p[1], turn)
 
@@ -112,8 +121,8 @@ def _damping_change(a: Matrix, w: Triple, rate: Matrix, mu: float, lam: float, d
 
 
 @kernel
-def _scatter(r: Vector, stress: Matrix, volume: float, g: Vector, n: Indices, out: Vector) -> None:
-    """out += V R stress grad N_a at the four nodes."""
+def _scatter(r: Floats, stress: Matrix, volume: float, g: Floats, n: Ints, out: Floats) -> None:
+    """Add to out V R stress grad N_a at the four nodes."""
     for i in range(3):
         p = _mixed(volume * r[3 * i], volume * r[3 * i + 1], volume * r[3 * i + 2], stress)
         for a in range(4):
@@ -122,25 +131,20 @@ def _scatter(r: Vector, stress: Matrix, volume: float, g: Vector, n: Indices, ou
 
 @kernel
 def tangent_times(
-    moves: Vector,
-    x: Vector,
-    x_old: Vector,
-    tets: Indices,
-    gradients: Vector,
-    volumes: Vector,
-    mu: float,
-    lam: float,
-    rotations: Vector,
-    unknown: Indices,
-    inertia: Vector,
-    beta: float,
-    dt: float,
-) -> Vector:
+    moves: Floats,
+    x: Floats,
+    x_old: Floats,
+    tetrahedra: Tetrahedra,
+    rotations: Floats,
+    unknown: Ints,
+    dynamics: Dynamics,
+) -> Floats:
     """(k, unknowns) N = d(f_tissue + M a + C v) / dx times moves (k, unknowns) m of the free nodes, at x (n, 3) m.
 
-    rotations: (t, 9) the polar rotations at x. inertia: (n,) kg/s2 per node, M (1 / dt^2 + alpha / dt). beta s:
-    stiffness damping of the velocity (x - x_old) / dt, backward Euler.
+    rotations: (t, 9) the polar rotations at x. The velocity is (x - x_old) / dt, backward Euler.
     """
+    tets, gradients, volumes, mu, lam = tetrahedra
+    inertia, beta, dt = dynamics
     count, held = moves.shape
     out, padded = np.zeros((count, held + 3)), np.zeros((count, held + 3))  # the last three: every held node
     padded[:, :held] = moves

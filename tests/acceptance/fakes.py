@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from service.worker.progress import replace_text
+from service.files.replace_text import replace_text
 
 
 def run_job(spec: dict[str, Any], artefact_dir: Path) -> dict[str, Any]:

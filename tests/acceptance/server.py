@@ -14,9 +14,8 @@ from pathlib import Path
 
 from needlebench import Client
 from service.client.client import JobStatus
-from service.limits import Limits
 from service.server.server import serve
-from service.settings import RUNNER, Settings
+from service.settings import RUNNER, Limits, Settings
 
 FAKE = "tests.acceptance.fakes:run_job"
 ROOT = Path(__file__).resolve().parents[2]
@@ -109,6 +108,6 @@ def children(pid: int) -> list[int]:
 def main() -> None:
     """What the process of `Server` runs."""
     data, runner, more = sys.argv[1:4]
-    limits = Limits.load(os.environ)
+    limits = Limits.from_environment()
     settings = Settings(data=Path(data), runner=runner or RUNNER, limits=limits, **json.loads(more))
     serve(settings, announce=lambda url: print(url, flush=True))

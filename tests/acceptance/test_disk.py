@@ -14,7 +14,7 @@ from typing import Any
 import pytest
 
 from service.client.client import ServiceError
-from service.server.server import CannotServe, serve
+from service.server.server import ServiceStartError, serve
 from service.settings import Settings
 from service.worker import attempt as worker
 from tests.acceptance.server import Server, running_server, until
@@ -68,7 +68,7 @@ def level(server: Server, name: str) -> str:
 
 
 def test_a_full_disk_is_told_and_nothing_is_lost(small_disk: Path) -> None:
-    with running_server(small_disk, minimum_free_bytes=0) as server:
+    with running_server(small_disk, minimum_free_mb=0) as server:
         kept = server.client.wait(server.client.submit({"name": "quick"}).id)
         running = server.running("long")
         filler = fill(small_disk)
@@ -89,11 +89,11 @@ def test_a_full_disk_is_told_and_nothing_is_lost(small_disk: Path) -> None:
 
 
 def test_no_job_is_begun_without_room_and_all_are_when_there_is(small_disk: Path) -> None:
-    with running_server(small_disk, minimum_free_bytes=32 * 2**20) as server:
+    with running_server(small_disk, minimum_free_mb=32) as server:
         job = server.client.submit({"name": "quick"})
         until(lambda: server.client._http.get("/readyz").status_code == 503)
         told = server.client._http.get("/readyz").json()
-        assert "no job is begun below 32.0 MB" in told["detail"]
+        assert "no job is started below 32.0 MB" in told["detail"]
         assert "needlebench gc" in str(told["checks"])
         assert server.client.job(job.id).state == "queued"
         assert mount("-o", "remount,size=64m", str(small_disk))
@@ -105,11 +105,11 @@ def test_a_read_only_data_folder_is_refused_and_served_when_it_can_be_written(sm
     with running_server(small_disk) as server:
         kept = server.client.submit({"name": "long"})
     assert mount("-o", "remount,ro", str(small_disk))
-    with pytest.raises(CannotServe, match=r"cannot be used: Read-only file system.*--data"):
+    with pytest.raises(ServiceStartError, match=r"cannot be used: Read-only file system.*--data"):
         serve(Settings(data=small_disk, port=0), announce=print)
     assert mount("-o", "remount,rw", str(small_disk))
     check_whole(small_disk / "needlebench.sqlite")
-    with running_server(small_disk, minimum_free_bytes=0) as again:
+    with running_server(small_disk, minimum_free_mb=0) as again:
         until(lambda: again.client.job(kept.id).progress.step > 0)
         again.client.cancel(kept.id)
 
@@ -140,9 +140,9 @@ def test_results_are_whole_or_not_there_when_the_disk_fills_while_they_are_writt
 
     monkeypatch.setattr("numpy.savez", full)
     spec = {"scenario": {"name": "quick"}, "job_id": "a"}
-    answer = worker.execute("tests.acceptance.fakes:run_job", spec, str(tmp_path / "1"))
-    assert (answer["result"], answer["error"]["kind"]) == (None, "disk")
-    assert {file["name"] for file in answer["artefacts"]} == {"recording.rrd", "job.log"}
+    report = worker.execute("tests.acceptance.fakes:run_job", spec, str(tmp_path / "1"))
+    assert (report.result, report.error_kind) == (None, "disk")
+    assert {file["name"] for file in report.artefacts} == {"recording.rrd", "job.log"}
     monkeypatch.undo()
     again = worker.execute("tests.acceptance.fakes:run_job", spec, str(tmp_path / "2"))
-    assert again["error"] is None
+    assert again.error is None

@@ -95,7 +95,7 @@ def test_gc_is_done_by_the_service_that_runs_and_without_one_by_the_command(tmp_
 def test_one_job_is_pinned_shown_and_unpinned_from_the_command_line(tmp_path: Path) -> None:
     with running_server(tmp_path) as server:
         job = server.client.wait(server.client.submit({"name": "quick"}).id).id
-        assert needlebench("pin", job, data=tmp_path).stdout == f"{job} is kept\n"
+        assert needlebench("pin", job, data=tmp_path).stdout == f"{job} is pinned\n"
         assert server.client.clear(max_bytes=0)["jobs"] == []
         events = needlebench("show", job, "--events", data=tmp_path).stdout.splitlines()
         assert [line.split()[3] for line in events] == ["queued", "started", "succeeded", "pinned"]

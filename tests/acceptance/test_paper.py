@@ -18,10 +18,10 @@ from click.testing import CliRunner
 from benchmarks.cases import Case, Outcome
 from benchmarks.paper.plan import Plan
 from benchmarks.paper.scale import SCALES, Scale
-from benchmarks.paper.suites import drafts, resolved
+from benchmarks.paper.suites import drafts, resolve_cases
 from service.cli.main import main
 from service.cli.paper import read_scale
-from service.local.paper_folder import PaperFolder, opened
+from service.local.paper_folder import PaperFolder, open_folder
 from service.local.paper_run import enough_space, identity
 from service.worker.crew import Crew
 from simcore.errors import ScenarioError
@@ -122,7 +122,7 @@ def check_report(folder: Path, insertions: int) -> None:
 @pytest.mark.slow
 def test_the_smoke_suite_run_twice_is_bit_identical(tmp_path: Path) -> None:
     wanted = {"lin-000-ifem", "lin-000-open_loop", "lin-noise-000-ifem", "cur-000+x-ifem", "cur-001-x-rigid"}
-    cases = resolved([case for case in drafts("paper-v1-smoke") if case.id in wanted])
+    cases = resolve_cases([case for case in drafts("paper-v1-smoke") if case.id in wanted])
     assert len(cases) == len(wanted)
     with Crew(2, folder=tmp_path, files=tmp_path) as crew:
         runs = [{o.case.id: o.result for o in crew.run_many(order)} for order in (cases, cases[::-1])]
@@ -145,46 +145,46 @@ def content(folder: Path) -> dict[str, bytes]:
 
 def test_a_run_is_extended_to_another_scale_and_keeps_what_it_has(tmp_path: Path) -> None:
     folder = tmp_path / "run"
-    (case, *_) = resolved([case for case in plan().stages[1].cases if case.id == "lin-000-ifem"])
-    with opened(folder, identity(plan())) as first:
+    (case, *_) = resolve_cases([case for case in plan().stages[1].cases if case.id == "lin-000-ifem"])
+    with open_folder(folder, identity(plan())) as first:
         first.keep(Outcome(case, {"status": "completed", "provenance": {"scenario": case.scenario}}))
     for _ in range(2):
-        with opened(folder, identity(plan(lin=5, name="more")), extend=True) as more:
+        with open_folder(folder, identity(plan(lin=5, name="more")), extend=True) as more:
             assert more.finished(case) is not None
     assert json.loads((folder / "run.json").read_text())["scale"]["name"] == "more"
     with pytest.raises(ScenarioError, match="scale more, scale differs"):
-        opened(folder, identity(plan())).__enter__()
+        open_folder(folder, identity(plan())).__enter__()
 
 
 def test_a_folder_of_another_run_is_refused_and_left_alone(tmp_path: Path) -> None:
     folder = tmp_path / "run"
-    with opened(folder, identity(plan())):
+    with open_folder(folder, identity(plan())):
         pass
     before = content(folder)
     with pytest.raises(ScenarioError, match=r"--out = .* holds another run \(scale tiny, scale differs\)"):
-        opened(folder, identity(plan(lin=1))).__enter__()
-    with pytest.raises(ScenarioError, match=r"was begun by commit .* and not other.*--any-commit"):
-        opened(folder, {**identity(plan()), "commit": "other"}).__enter__()
-    with opened(folder, {**identity(plan()), "commit": "other"}, any_commit=True):
+        open_folder(folder, identity(plan(lin=1))).__enter__()
+    with pytest.raises(ScenarioError, match=r"was started by commit .* and not other.*--any-commit"):
+        open_folder(folder, {**identity(plan()), "commit": "other"}).__enter__()
+    with open_folder(folder, {**identity(plan()), "commit": "other"}, any_commit=True):
         with pytest.raises(ScenarioError, match="is in use by"):
-            opened(folder, identity(plan())).__enter__()
-    with pytest.raises(ScenarioError, match=r"\(scale tiny, samples differs\); take another folder$"):
-        opened(folder, identity(plan(samples=200)), extend=True).__enter__()
+            open_folder(folder, identity(plan())).__enter__()
+    with pytest.raises(ScenarioError, match=r"\(scale tiny, samples differs\); choose another folder$"):
+        open_folder(folder, identity(plan(samples=200)), extend=True).__enter__()
     del before[".lock"]
     assert {name: data for name, data in content(folder).items() if name != ".lock"} == before
 
 
 def test_a_folder_with_something_else_is_refused(tmp_path: Path) -> None:
     (tmp_path / "thesis.tex").write_text("mine")
-    with pytest.raises(ScenarioError, match="holds files that are of no run of the paper"):
-        opened(tmp_path, identity(plan())).__enter__()
+    with pytest.raises(ScenarioError, match="holds files that belong to no run of the paper"):
+        open_folder(tmp_path, identity(plan())).__enter__()
     assert content(tmp_path) == {"thesis.tex": b"mine"}
 
 
 def test_a_result_counts_for_its_own_scenario_only(tmp_path: Path) -> None:
     case = Case("lin-000-ifem", {"seed": 1}, {"arm": "ifem"})
     other = Case("lin-000-ifem", {"seed": 2}, {"arm": "ifem"})
-    with opened(tmp_path / "run", identity(plan())) as folder:
+    with open_folder(tmp_path / "run", identity(plan())) as folder:
         assert folder.finished(case) is None
         folder.keep(Outcome(case, {"status": "completed", "provenance": {"scenario": case.scenario}}))
         assert folder.finished(case) is not None
@@ -202,10 +202,10 @@ def test_finished_cases_are_not_run_again(tmp_path: Path) -> None:
         asked.append([case.id for case in left])
         return [Outcome(case, {"status": "completed", "provenance": {"scenario": case.scenario}}) for case in left]
 
-    with opened(tmp_path / "run", identity(plan())) as folder:
+    with open_folder(tmp_path / "run", identity(plan())) as folder:
         assert isinstance(folder, PaperFolder)
-        first = list(folder.remembering(run_many)(cases[:2]))
-        second = list(folder.remembering(run_many)(cases))
+        first = list(folder.cached(run_many)(cases[:2]))
+        second = list(folder.cached(run_many)(cases))
     assert asked == [["case-0", "case-1"], ["case-2", "case-3"]]
     assert second[:2] == first
     assert [outcome.case.id for outcome in second] == [case.id for case in cases]

@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 
-from service.server.server import CannotServe, serve
+from service.server.server import ServiceStartError, serve
 from service.settings import Settings
 from tests.acceptance.server import Server, alive, children, running_server, until
 
@@ -54,12 +54,12 @@ def test_sigterm_puts_running_jobs_back_and_ends_with_0(tmp_path: Path) -> None:
 
 
 def test_two_services_never_share_a_data_folder(tmp_path: Path) -> None:
-    with running_server(tmp_path) as server, pytest.raises(CannotServe, match="is in use by another") as caught:
+    with running_server(tmp_path) as server, pytest.raises(ServiceStartError, match="is in use by another") as caught:
         serve(Settings(data=tmp_path, port=0), announce=print)
     assert server.url in str(caught.value)
     assert "--data" in str(caught.value)
 
 
 def test_a_taken_port_is_refused_when_it_was_asked_for(tmp_path: Path) -> None:
-    with socket.create_server(("127.0.0.1", 0)) as holder, pytest.raises(CannotServe, match="--port"):
+    with socket.create_server(("127.0.0.1", 0)) as holder, pytest.raises(ServiceStartError, match="--port"):
         serve(Settings(data=tmp_path, port=holder.getsockname()[1]), announce=print)

@@ -11,7 +11,7 @@ import pytest
 
 from benchmarks.bench_comparison import Verdict, compare, regressions, table
 from benchmarks.bench_report import FIGURE_FIELDS, SCHEMA, busy, document, load_report
-from benchmarks.measurements import TARGETS, Part, Table, Target, absent, figure, figure_table
+from benchmarks.measurements import TARGETS, Part, Table, Target, figure, figure_table, missing_figure
 from simcore.errors import ScenarioError
 
 DATE = "2026-01-02T03:04:05+00:00"
@@ -40,7 +40,7 @@ def test_median_iqr_and_target() -> None:
 
 
 def test_what_was_not_measured_has_no_value_and_says_why() -> None:
-    made = absent("start.cold_s", "s", "left out")
+    made = missing_figure("start.cold_s", "s", "left out")
     assert made.as_json() == {
         "median": None,
         "iqr": None,

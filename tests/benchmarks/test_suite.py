@@ -13,19 +13,19 @@ from click.testing import CliRunner
 
 from benchmarks.bench_report import SCHEMA
 from benchmarks.measurements import Part
-from benchmarks.observed_run import Observed, observe
+from benchmarks.observed_run import ObservedRun, observe
 from benchmarks.performance.kernels import micro
-from benchmarks.performance.probe import ProbeFailed, probe
+from benchmarks.performance.probe import ProbeError, probe
 from benchmarks.performance.recording_cost import recording
 from benchmarks.performance.scaling import fitted_exponent, scaling
 from benchmarks.performance.start_and_memory import start
-from benchmarks.performance.step_profile import METHODS, PYTHON, Stages, patched, profile
+from benchmarks.performance.step_profile import METHODS, PYTHON, Stages, patch_kernels, profile
 from benchmarks.performance.throughput import throughput
 from benchmarks.performance.whole_step import step
-from benchmarks.ports import Tools
-from benchmarks.registry import BENCHMARKS, chosen
+from benchmarks.ports import BenchPorts
+from benchmarks.registry import BENCHMARKS, select
 from service.cli.main import main
-from simcore.contact import kernels as coupling
+from simcore.contact import kernels
 from simcore.errors import ScenarioError
 from simcore.rollout.records import Silent
 from simcore.scenario.scenario import Scenario
@@ -46,7 +46,7 @@ RECORDER = "tests.benchmarks.test_suite:silent"
 
 
 @contextlib.contextmanager
-def silent(path: Path) -> Iterator[Silent]:
+def silent(_path: Path) -> Iterator[Silent]:
     """A recorder that records nothing."""
     yield Silent()
 
@@ -61,19 +61,19 @@ class Alone:
                 observe(scenario)
         return time.perf_counter() - started
 
-    def run_many(self, scenarios: Sequence[Scenario]) -> list[Observed]:
+    def run_many(self, scenarios: Sequence[Scenario]) -> list[ObservedRun]:
         return [observe(scenario) for scenario in scenarios]
 
 
 @contextlib.contextmanager
-def crew(workers: int) -> Iterator[Alone]:
+def crew(_workers: int) -> Iterator[Alone]:
     yield Alone()
 
 
 @pytest.fixture
-def tools(tmp_path: Path) -> Tools:
-    return Tools(
-        say=lambda text: None,
+def ports(tmp_path: Path) -> BenchPorts:
+    return BenchPorts(
+        say=lambda _: None,
         recorder=silent,
         recorder_name=RECORDER,
         crew=crew,
@@ -91,24 +91,24 @@ def keys(part: Part) -> set[str]:
 
 def test_the_names() -> None:
     assert tuple(BENCHMARKS) == NAMES
-    assert chosen([]) == list(NAMES[:-2])
-    assert chosen(["step", "micro", "step"]) == ["step", "micro"]
+    assert select([]) == list(NAMES[:-2])
+    assert select(["step", "micro", "step"]) == ["step", "micro"]
     with pytest.raises(ScenarioError, match=r"steps.*micro, step"):
-        chosen(["steps"])
+        select(["steps"])
 
 
 # ---- each benchmark
 
 
-def test_micro(tools: Tools) -> None:
-    part = micro(tools)
+def test_micro(ports: BenchPorts) -> None:
+    part = micro(ports)
     names = ("force", "back_solve", "columns", "w", "beams", "refactor", "limit", "limit_back_solve", "limit_force")
     assert keys(part) == {f"micro.{name}_ms" for name in names}
     assert all(figure.median is not None and figure.median > 0.0 for figure in part.figures)
 
 
-def test_step_has_every_key_of_the_specification(tools: Tools) -> None:
-    part = step(tools)
+def test_step_has_every_key_of_the_specification(ports: BenchPorts) -> None:
+    part = step(ports)
     assert keys(part) >= {
         "step.line.plant_in_limits",
         "step.sine.plant_in_limits",
@@ -124,8 +124,8 @@ def test_step_has_every_key_of_the_specification(tools: Tools) -> None:
     assert all(figure.median is not None or figure.note for figure in part.figures)
 
 
-def test_scaling(tools: Tools) -> None:
-    part = scaling(tools)
+def test_scaling(ports: BenchPorts) -> None:
+    part = scaling(ports)
     assert keys(part) >= {"scaling.nodes.exponent", "scaling.limit.exponent", "scaling.depth.ratio"}
     exponents = {figure.key: figure for figure in part.figures}
     target, limit = exponents["scaling.nodes.exponent"].target, exponents["scaling.limit.exponent"].median
@@ -140,39 +140,39 @@ def test_the_exponent_of_a_power_law() -> None:
     assert fitted_exponent(nodes, [3e-6 * n**1.4 for n in nodes]) == pytest.approx(1.4)
 
 
-def test_throughput_and_recording(tools: Tools) -> None:
-    assert "throughput.two_over_one" in keys(throughput(tools))
-    assert "recording.ratio" in keys(recording(tools))
+def test_throughput_and_recording(ports: BenchPorts) -> None:
+    assert "throughput.two_over_one" in keys(throughput(ports))
+    assert "recording.ratio" in keys(recording(ports))
 
 
-def test_start_up_in_a_process_of_its_own(tools: Tools) -> None:
-    warm, cold = start(tools).figures
+def test_start_up_in_a_process_of_its_own(ports: BenchPorts) -> None:
+    warm, cold = start(ports).figures
     assert (warm.key, cold.key) == ("start.warm_s", "start.cold_s")
     assert warm.median is not None
     assert cold.median is None
     assert "--quick" in cold.note
 
 
-def test_a_probe_runs_to_the_end_and_counts_memory(tools: Tools) -> None:
+def test_a_probe_runs_to_the_end_and_counts_memory(ports: BenchPorts) -> None:
     small = {"tissue": {"element_size_mm": 20}, "trajectory": {"target_mm": [18, 31, 1]}}
-    done = probe(small, recorder=RECORDER, recording=tools.folder / "none")
+    done = probe(small, recorder=RECORDER, recording=ports.folder / "none")
     assert done.status == "completed"
     assert done.peak_mb is None or 20.0 < done.peak_mb < 5000.0
 
 
-def test_a_probe_that_fails_says_so(tools: Tools, capfd: pytest.CaptureFixture[str]) -> None:
-    with pytest.raises(ProbeFailed, match="exit code 1"):
-        probe({"tissue": {"element_size_mm": -1}}, recorder=RECORDER, recording=tools.folder / "none")
+def test_a_probe_that_fails_says_so(ports: BenchPorts, capfd: pytest.CaptureFixture[str]) -> None:
+    with pytest.raises(ProbeError, match="exit code 1"):
+        probe({"tissue": {"element_size_mm": -1}}, recorder=RECORDER, recording=ports.folder / "none")
     assert "element_size_mm" in capfd.readouterr().err
 
 
 # ---- the profile
 
 
-def test_the_profile_adds_up_and_leaves_no_trace(tools: Tools) -> None:
-    before = coupling.to_local
-    part = profile(tools)
-    assert coupling.to_local is before
+def test_the_profile_adds_up_and_leaves_no_trace(ports: BenchPorts) -> None:
+    before = kernels.to_local
+    part = profile(ports)
+    assert kernels.to_local is before
     for table in part.tables:
         assert sum(row[3] for row in table.rows) == pytest.approx(100.0)
         stages = {row[0] for row in table.rows}
@@ -205,7 +205,7 @@ def test_a_stage_is_not_charged_for_what_it_calls() -> None:
 
 def test_patching_is_undone_after_an_error() -> None:
     before = {(owner, name): getattr(owner, name) for owner, name, _, _ in METHODS}
-    with pytest.raises(RuntimeError, match="on purpose"), patched(Stages(time.perf_counter)):
+    with pytest.raises(RuntimeError, match="on purpose"), patch_kernels(Stages(time.perf_counter)):
         raise RuntimeError("on purpose")
     assert before == {(owner, name): getattr(owner, name) for owner, name, _, _ in METHODS}
 
@@ -213,7 +213,7 @@ def test_patching_is_undone_after_an_error() -> None:
 # ---- the command
 
 
-def test_the_command_lists(tmp_path: Path) -> None:
+def test_the_command_lists() -> None:
     done = CliRunner().invoke(main, ["bench", "--list"])
     assert done.exit_code == 0
     assert [line.split()[0] for line in done.stdout.splitlines()] == list(NAMES)

@@ -7,7 +7,7 @@ from dataclasses import replace
 
 import pytest
 
-from benchmarks.trend import Loss, Mark, Point, judge, judged, lasting
+from benchmarks.trend import Loss, Mark, Point, judge, judge_all, lasting_losses
 
 CASES = [f"case-{i}" for i in range(12)]
 BASE = Point(0.0, "a", "cpu", dict.fromkeys(CASES, 0.1), dict.fromkeys(CASES, "d"), 12, 2.0)
@@ -58,20 +58,20 @@ def test_a_noisy_machine_allows_more() -> None:
 
 
 def test_every_point_of_a_history_is_judged_by_those_before() -> None:
-    marks = [found.accuracy for found in judged([BASE, BASE, shifted(0.02, CASES)])]
+    marks = [found.accuracy for found in judge_all([BASE, BASE, shifted(0.02, CASES)])]
     assert marks == [Mark.FIRST, Mark.SAME, Mark.WORSE]
 
 
 def test_what_got_worse_stays_a_loss_until_it_is_mended() -> None:
     good, bad = BASE, replace(shifted(0.02, CASES), successes=10)
-    assert lasting([]) == lasting([good, good]) == lasting([bad, good]) == []
-    found = lasting([good, bad, bad, bad])
+    assert lasting_losses([]) == lasting_losses([good, good]) == lasting_losses([bad, good]) == []
+    found = lasting_losses([good, bad, bad, bad])
     assert [(loss.figure, loss.since) for loss in found] == [("accuracy", 1), ("success", 1)]
     assert "10 of 12 succeeded, 12 before" in found[1].why
-    assert lasting([good, bad, good]) == []
+    assert lasting_losses([good, bad, good]) == []
 
 
 def test_half_of_a_loss_made_good_is_still_a_loss() -> None:
     steps = [12, 8, 10]
     history = [replace(BASE, successes=count) for count in steps]
-    assert lasting(history) == [Loss("success", 1, "10 of 12 succeeded, 12 before")]
+    assert lasting_losses(history) == [Loss("success", 1, "10 of 12 succeeded, 12 before")]

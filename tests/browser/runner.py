@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from service.worker.progress import replace_text
+from service.files.replace_text import replace_text
 
 STEPS = 200
 SECONDS = {"slow": 24.0, "brisk": 2.0}  # by the first word of the scenario's name; all others take none

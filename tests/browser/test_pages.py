@@ -153,10 +153,10 @@ def test_an_error_is_told_in_words_and_a_job_is_deleted_after_a_question(page: P
     assert "with tags" in page.locator("#job .notice.bad").inner_text()
     assert page.locator("#job b").count() == 0
     page.get_by_role("button", name="Delete").click()
-    page.get_by_role("button", name="Keep", exact=True).last.click()
+    page.get_by_role("button", name="No", exact=True).last.click()
     assert page.url.endswith(job.id)
     page.get_by_role("button", name="Delete").click()
-    page.get_by_role("button", name="Go on").click()
+    page.get_by_role("button", name="Yes").click()
     page.wait_for_url(re.compile(r":\d+/$"))
     assert page.locator(f"tr[data-key='{job.id}']").count() == 0
 
@@ -165,10 +165,10 @@ def test_a_grid_is_planned_run_and_compared(page: Page) -> None:
     page.goto("/campaigns")
     page.get_by_label("a grid over scenario fields").check()
     page.get_by_label("Field of axis 1").fill("controller.kind")
-    page.get_by_label("Values of axis 1, by commas").fill("ifem, open_loop")
+    page.get_by_label("Values of axis 1, separated by commas").fill("ifem, open_loop")
     page.get_by_role("button", name="Add an axis").click()
     page.get_by_label("Field of axis 2").fill("tissue.young")
-    page.get_by_label("Values of axis 2, by commas").fill("3, 6.3")
+    page.get_by_label("Values of axis 2, separated by commas").fill("3, 6.3")
     page.get_by_label("Name of the campaign").fill("from <the> page")
     page.get_by_role("button", name="Dry run").click()
     page.locator("#messages", has_text="young").wait_for()
@@ -194,7 +194,7 @@ def test_a_schedule_is_added_paused_run_and_deleted(page: Page) -> None:
     page.goto("/schedules")
     page.get_by_label("a grid over scenario fields").check()
     page.get_by_label("Field of axis 1").fill("seed")
-    page.get_by_label("Values of axis 1, by commas").fill("0, 1")
+    page.get_by_label("Values of axis 1, separated by commas").fill("0, 1")
     page.get_by_label("Name", exact=True).fill("nightly")
     page.get_by_label("Cron line").fill("0 25 * * *")
     page.get_by_role("button", name="Add", exact=True).click()
@@ -209,7 +209,7 @@ def test_a_schedule_is_added_paused_run_and_deleted(page: Page) -> None:
     page.get_by_role("button", name="Run now nightly").click()
     page.locator("#schedules .state.started").wait_for()
     page.get_by_role("button", name="Delete nightly").click()
-    page.get_by_role("button", name="Go on").click()
+    page.get_by_role("button", name="Yes").click()
     page.locator("#schedules section").wait_for(state="detached")
 
 
@@ -218,9 +218,9 @@ def test_a_model_is_trained_from_the_page_and_steered_by(page: Page) -> None:
     page.get_by_role("button", name="Train", exact=True).click()
     page.locator("[data-field=data][aria-invalid=true]").wait_for()
     file = {"name": "data.npz", "mimeType": "application/octet-stream", "buffer": b"no data set"}
-    page.get_by_label("Send one in").set_input_files(files=[file])
+    page.get_by_label("Upload one").set_input_files(files=[file])
     page.locator("#messages", has_text="cannot be used as a data set").wait_for()
-    page.get_by_label("Send one in").set_input_files(files=[{**file, "buffer": dataset_bytes()}])
+    page.get_by_label("Upload one").set_input_files(files=[{**file, "buffer": dataset_bytes()}])
     page.locator("#messages", has_text="80 rows of 2 insertions").wait_for()
     page.get_by_label("Kind").select_option("linear")
     assert not page.get_by_label("Nodes").is_visible()
@@ -233,11 +233,11 @@ def test_a_model_is_trained_from_the_page_and_steered_by(page: Page) -> None:
     page.get_by_role("button", name="Train", exact=True).click()
     page.wait_for_url(re.compile("/jobs/[0-9a-z]+$"))
     ended(page)
-    page.get_by_role("link", name="Look at the model").click()
+    page.get_by_role("link", name="Open the model").click()
     page.get_by_role("heading", name="from the page.json").wait_for()
     assert page.locator(".errors rect").count() == 6
-    page.get_by_role("button", name="Keep", exact=True).click()
-    page.get_by_role("button", name="Keep no longer").click()
+    page.get_by_role("button", name="Pin", exact=True).click()
+    page.get_by_role("button", name="Unpin").click()
     page.get_by_role("button", name="Delete").wait_for()
     page.get_by_role("link", name="Steer by it").click()
     page.get_by_role("button", name="Submit", exact=True).click()
@@ -299,7 +299,7 @@ def test_a_service_that_is_away_is_told(browser: Browser, server: Server) -> Non
         page.goto("/submit")
         page.route("**/api/v1/jobs", lambda route: route.abort())
         page.get_by_role("button", name="Submit", exact=True).click()
-        page.locator("#messages", has_text="does not answer").wait_for()
+        page.locator("#messages", has_text="does not respond").wait_for()
 
 
 def test_the_viewer_follows_a_recording_and_can_reach_nothing_else(browser: Browser, server: Server) -> None:

@@ -34,7 +34,7 @@ def test_the_page_outlives_its_server(server: Server) -> None:
         page.locator("#plot-error canvas").wait_for()
         page.evaluate("window.notReloaded = true")
         server.stop(signal.SIGKILL)
-        page.locator("#away", has_text="does not answer").wait_for()
+        page.locator("#away", has_text="does not respond").wait_for()
         page.get_by_role("button", name="Cancel").click()
         page.locator("#messages .away").wait_for()
         with running_server(server.data, runner=RUNNER, workers=1, port=port) as again:

@@ -14,7 +14,8 @@ import pytest
 
 from needlebench import Client
 from service.settings import RUNNER
-from service.worker import process as pool
+from service.worker.process import WorkerProcess, answer
+from service.worker.specs import InsertionSpec
 from tests.acceptance.server import running_server, until
 from tests.chaos.flat import Held, cpu_s
 from tests.chaos.instant import SPIN, only_the_job
@@ -97,35 +98,40 @@ def _bare(folder: Path, runner: str, scenarios: list[dict[str, Any]]) -> float:
     """Jobs a second by the same workers, with no service around them: as soon as one is done, the next."""
     from simcore.scenario.scenario import Scenario
 
-    specs = [{"scenario": Scenario.load(s).resolved(), "job_id": "bare", "uploads": str(folder)} for s in scenarios]
+    specs = [
+        InsertionSpec(job_id="bare", scenario=Scenario.load(scenario).resolved(), files=folder).to_json()
+        for scenario in scenarios
+    ]
     work, taking = iter(enumerate(specs)), threading.Lock()
-    workers = [pool.Worker() for _ in range(_WORKERS)]
+    workers = [WorkerProcess(runner, folder / "lock") for _ in range(_WORKERS)]
 
-    def finished(workman: pool.Worker, function: Any, *args: Any) -> None:
-        future = workman.call(function, *args)
+    def finished(worker: WorkerProcess, function: Any, *args: Any) -> None:
+        future = worker.call(function, *args)
         wait([future])
-        pool.answer(future)
+        answer(future)
 
-    def see_through(workman: pool.Worker) -> None:
+    def run_all(worker: WorkerProcess) -> None:
         while True:
             with taking:
                 number, spec = next(work, (0, None))
             if spec is None:
                 return
-            finished(workman, only_the_job, runner, spec, str(folder / str(number)))
+            finished(worker, only_the_job, runner, spec, str(folder / str(number)))
 
     folder.mkdir(parents=True)
     try:
-        for number, workman in enumerate(workers):
-            finished(workman, pool.warm, runner, str(folder / "lock"))
-            finished(workman, only_the_job, runner, specs[0], str(folder / f"first {number}"))
+        for number, worker in enumerate(workers):
+            worker.start()
+            while not worker.ready(1.0):
+                pass
+            finished(worker, only_the_job, runner, specs[0], str(folder / f"first {number}"))
         started = time.monotonic()
-        threads = [threading.Thread(target=see_through, args=(workman,)) for workman in workers]
+        threads = [threading.Thread(target=run_all, args=(worker,)) for worker in workers]
         for thread in threads:
             thread.start()
         for thread in threads:
             thread.join()
         return len(scenarios) / (time.monotonic() - started)
     finally:
-        for workman in workers:
-            workman.stop()
+        for worker in workers:
+            worker.kill()

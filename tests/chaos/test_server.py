@@ -15,7 +15,7 @@ from pathlib import Path
 import pytest
 
 from needlebench import Client
-from service.client.client import ServiceError, Unreachable
+from service.client.client import ServiceError, UnreachableError
 from service.settings import RUNNER
 from tests.acceptance.server import Server, alive, children, running_server, until
 from tests.chaos.jobs import check_digests, check_recordings, crashes, scenario, works_on
@@ -58,7 +58,7 @@ class Submitter(threading.Thread):
                     job = client.submit(scenario(number), idempotency_key=key)
                     self.acknowledged[key] = job.id
                     return
-            except Unreachable:
+            except UnreachableError:
                 self.again += 1
             except (ServiceError, RuntimeError) as error:  # RuntimeError: the test closed this client
                 if isinstance(error, ServiceError):

@@ -12,13 +12,14 @@ from typing import Any
 
 import numpy as np
 
-from simcore.rollout.records import Indices, Observer, Scene, StepRecord, StepTiming, Vector
+from simcore.arrays import Floats, Ints
+from simcore.rollout.records import Observer, Scene, StepRecord, StepTiming
 from simcore.scenario.scenario import Scenario
 
 _CELL_TETS = np.array([[0, a, a + b, 7] for a, b in itertools.permutations((1, 2, 4), 2)])
 
 
-def box_mesh(scenario: Scenario) -> tuple[Vector, Indices, Indices]:
+def box_mesh(scenario: Scenario) -> tuple[Floats, Ints, Ints]:
     """Nodes (n, 3) m, tetrahedra (t, 4) and outward surface triangles (s, 3) of the scenario's block."""
     cells = scenario.tissue.cells
     axes = [np.linspace(0.0, s * 1e-3, c + 1) for s, c in zip(scenario.tissue.size_mm, cells, strict=True)]
@@ -35,10 +36,10 @@ def box_mesh(scenario: Scenario) -> tuple[Vector, Indices, Indices]:
     return nodes, tets, _outer_faces(nodes, tets)
 
 
-def _outer_faces(nodes: Vector, tets: Indices) -> Indices:
+def _outer_faces(nodes: Floats, tets: Ints) -> Ints:
     faces = np.concatenate([np.delete(tets, i, axis=1) for i in range(4)])
     _, first, count = np.unique(np.sort(faces, axis=1), axis=0, return_index=True, return_counts=True)
-    outer: Indices = faces[first[count == 1]]
+    outer: Ints = faces[first[count == 1]]
     p, q, r = nodes[outer].transpose(1, 0, 2)
     inward = np.einsum("ij,ij->i", np.cross(q - p, r - p), p - nodes.mean(axis=0)) < 0
     outer[inward] = outer[inward][:, ::-1]
@@ -53,7 +54,7 @@ class FakeRollout:
     status: str = "completed"
     success: bool = True
     warnings: list[str] = field(default_factory=list)
-    series: dict[str, Vector] = field(default_factory=dict)
+    series: dict[str, Floats] = field(default_factory=dict)
 
     def result(self) -> dict[str, Any]:
         """In the shape of result.json."""
@@ -134,9 +135,9 @@ class FakeRun:
         self.forces[:active] = across * 20 * np.sin(np.arange(active) / 3 + step / 100)[:, None]
         return active
 
-    def _axis(self, depth: float) -> Vector:
+    def _axis(self, depth: float) -> Floats:
         """The needle along the path, and straight behind the entry."""
-        s: Vector = depth + np.linspace(-self.scenario.needle.length_mm * 1e-3, 0.0, len(self.shaft))
+        s: Floats = depth + np.linspace(-self.scenario.needle.length_mm * 1e-3, 0.0, len(self.shaft))
         behind = np.minimum(s, 0.0)[:, None] * self.path.first_tangent()
-        inside: Vector = s.clip(min=0.0)
+        inside: Floats = s.clip(min=0.0)
         return self.path.point(inside) + behind

@@ -38,7 +38,7 @@ def finish_training(service: Service) -> Job:
     assert job is not None
     folder = service.settings.data / job.folder
     folder.mkdir(parents=True)
-    result = train_job({**(job.spec or {}), "job_id": job.id, "uploads": str(service.settings.uploads)}, folder)
+    result = train_job({**(job.spec or {}), "job_id": job.id, "files": str(service.settings.uploads)}, folder)
     service.uploads.keep_made(folder / MODEL, job, result["model"])
     found = tuple(Artefact(**file, path=f"{job.folder}/{file['name']}") for file in describe(folder))
     return service.store.finish(job, Outcome(state="succeeded", result=result, artefacts=found))

@@ -7,8 +7,8 @@ from typing import Any
 
 import numpy as np
 
-from benchmarks.learning.training import trained
-from service.worker.training_job import untrained
+from benchmarks.learning.training import train_model
+from service.worker.training_job import new_regressor
 from simcore.rollout.dataset import VARIABLES, Dataset, gathered
 from simcore.scenario.scenario import Scenario
 
@@ -34,4 +34,5 @@ def dataset_bytes(**changes: int) -> bytes:
 
 def model_bytes(kind: str, **settings: Any) -> bytes:
     """A model that was trained on `dataset()`."""
-    return trained(dataset(), untrained(kind, settings), split="sample", data_sha256="0" * 64).model.text().encode()
+    model = train_model(dataset(), new_regressor(kind, settings), split="sample", data_sha256="0" * 64).model
+    return model.text().encode()

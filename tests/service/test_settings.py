@@ -1,25 +1,46 @@
 from __future__ import annotations
 
+import os
 import re
-from dataclasses import fields, replace
 from pathlib import Path
 
 import pytest
 from click.testing import CliRunner
 
 from service.cli.main import main
-from service.limits import Limits, limits_help
-from service.settings import Settings, SettingsError, is_loopback, url_of, variables_help
+from service.environment import SettingsError
+from service.settings import (
+    RUNNER,
+    Limits,
+    Settings,
+    is_loopback,
+    limits_help,
+    url_of,
+    variables_help,
+)
 
 ROOT = Path(__file__).resolve().parents[2]
 
 
+@pytest.fixture(autouse=True)
+def no_variables(monkeypatch: pytest.MonkeyPatch) -> None:
+    for name in [name for name in os.environ if name.startswith("NEEDLEBENCH_")]:
+        monkeypatch.delenv(name)
+
+
 def load(**variables: str) -> Settings:
-    return Settings.load(environ=variables)
+    with pytest.MonkeyPatch.context() as patch:
+        for name, value in variables.items():
+            patch.setenv(name, value)
+        return Settings.load()
 
 
-def test_flags_come_before_variables_and_variables_before_defaults(tmp_path: Path) -> None:
-    settings = Settings.load(host="::1", environ={"NEEDLEBENCH_HOST": "127.0.0.1", "NEEDLEBENCH_DATA": str(tmp_path)})
+def test_flags_come_before_variables_and_variables_before_defaults(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("NEEDLEBENCH_HOST", "127.0.0.1")
+    monkeypatch.setenv("NEEDLEBENCH_DATA", str(tmp_path))
+    settings = Settings.load(host="::1")
     assert (settings.host, settings.data, settings.port, settings.workers) == ("::1", tmp_path, None, 2)
 
 
@@ -56,13 +77,15 @@ def test_a_setting_out_of_range_is_named_with_its_range(name: str, value: str, t
 
 
 @pytest.mark.parametrize("host", ["0.0.0.0", "::", "192.168.1.5", "lab.example"])
-def test_an_address_that_others_reach_needs_a_key_and_the_line_to_type_is_given(host: str) -> None:
+def test_an_address_that_others_reach_needs_a_key_and_the_line_to_type_is_given(host: str, tmp_path: Path) -> None:
     with pytest.raises(SettingsError) as caught:
-        Settings.load(host=host, port=9000, environ={})
+        Settings.load(host=host, port=9000, data=tmp_path).check_exposure()
     assert f"needlebench serve --host {host} --port 9000" in str(caught.value)
     assert "NEEDLEBENCH_API_KEY" in str(caught.value)
     assert "needlebench key create" in str(caught.value)
-    assert Settings.load(host=host, environ={"NEEDLEBENCH_API_KEY": "k" * 24}).api_key == "k" * 24
+    settings = load(NEEDLEBENCH_HOST=host, NEEDLEBENCH_API_KEY="k" * 24)
+    settings.check_exposure()
+    assert (settings.host, settings.api_key) == (host, "k" * 24)
 
 
 def test_the_key_is_not_shown() -> None:
@@ -86,16 +109,31 @@ def test_url_of() -> None:
 
 
 def test_every_limit_is_read_from_its_variable() -> None:
-    for item in fields(Limits):
-        low, high = item.metadata["low"], item.metadata["high"]
-        value = int(low) + 1 if item.type == "int" else (low + high) / 2
-        limits = load(**{item.metadata["variable"]: f"{value}"}).limits
-        assert getattr(limits, item.name) == value
-        assert limits == replace(Limits(), **{item.name: value})
+    for name, item in Limits.model_fields.items():
+        low, high = (getattr(bound, side) for bound, side in zip(item.metadata, ("ge", "le"), strict=True))
+        value = int(low) + 1 if item.annotation is int else (low + high) / 2
+        limits = load(**{str(item.validation_alias): f"{value}"}).limits
+        assert getattr(limits, name) == value
+        assert limits == Limits().model_copy(update={name: value})
+
+
+def test_what_is_constructed_is_not_changed_by_the_environment(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("NEEDLEBENCH_WORKERS", "1")
+    monkeypatch.setenv("NEEDLEBENCH_MAX_QUEUE", "7")
+    assert (Settings().workers, Limits().queue) == (2, 10_000)
+    assert (Settings.load().workers, Settings.load().limits.queue) == (1, 7)
+
+
+def test_an_empty_variable_is_none_and_only_listed_ones_are_read(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("NEEDLEBENCH_API_KEY", "")
+    monkeypatch.setenv("NEEDLEBENCH_RUNNER", "os:abort")
+    monkeypatch.setenv("NEEDLEBENCH_LIMITS", "{}")
+    settings = Settings.load()
+    assert (settings.api_key, settings.runner, settings.limits) == (None, RUNNER, Limits())
 
 
 def test_every_variable_is_in_the_help_and_every_variable_in_the_help_is_read() -> None:
-    source = "".join((ROOT / "service" / name).read_text("utf-8") for name in ("settings.py", "limits.py"))
+    source = (ROOT / "service" / "settings.py").read_text("utf-8")
     told = CliRunner().invoke(main, ["serve", "--help"]).output
     listed = {name for name, _ in [*variables_help(), *limits_help()]}
     assert set(re.findall(r"NEEDLEBENCH_[A-Z_]+", source)) == listed

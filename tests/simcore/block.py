@@ -10,8 +10,10 @@ from numpy.typing import NDArray
 
 from simcore.errors import Status
 from simcore.insertion.compliance import Compliance
-from simcore.insertion.insertion import Insertion, InsertionState, Pose
+from simcore.insertion.insertion import Insertion, InsertionState
+from simcore.insertion.state import Pose
 from simcore.rotations import exp_map
+from simcore.scenario.build import insertion_of, tissue_model
 from simcore.scenario.scenario import Scenario, Tissue
 from simcore.tissue.model import TissueModel, elastic_forces, rotated_stiffness_times
 
@@ -81,14 +83,14 @@ class Trip:
 
 
 def curved_trip(depths_m: Vector = CURVED_M, **blocks: dict[str, object]) -> Trip:
-    insertion = Insertion(block_scenario(**blocks))
+    insertion = insertion_of(block_scenario(**blocks))
     start = insertion.initial_state(AHEAD)
     poses = [curved_pose(start.base, depth) for depth in depths_m]
     return Trip(insertion, travel(insertion, start, poses), poses)
 
 
 def straight_trip(depths_m: Vector, **blocks: dict[str, object]) -> Trip:
-    insertion = Insertion(block_scenario(**blocks))
+    insertion = insertion_of(block_scenario(**blocks))
     start = insertion.initial_state(AHEAD)
     poses = straight_poses(start.base, depths_m)
     return Trip(insertion, travel(insertion, start, poses), poses)
@@ -100,7 +102,7 @@ def straight_trip(depths_m: Vector, **blocks: dict[str, object]) -> Trip:
 def block(
     edge_mm: float = 10.0, size_mm: tuple[float, float, float] = (20.0, 30.0, 40.0), **fields: object
 ) -> TissueModel:
-    return TissueModel.from_scenario(Tissue(size_mm=size_mm, element_size_mm=edge_mm, **fields))  # type: ignore[arg-type]
+    return tissue_model(Tissue(size_mm=size_mm, element_size_mm=edge_mm, **fields))  # type: ignore[arg-type]
 
 
 def cold(model: TissueModel) -> Vector:

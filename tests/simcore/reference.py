@@ -10,8 +10,9 @@ from scipy.sparse import coo_array, csr_array
 from scipy.sparse.linalg import spsolve
 from threadpoolctl import threadpool_limits
 
-from simcore.insertion.insertion import Insertion, InsertionState, Pose
-from simcore.needle.beam import internal
+from simcore.insertion.insertion import Insertion, InsertionState
+from simcore.insertion.state import Pose
+from simcore.needle.beam import BeamForces, internal
 from simcore.needle.model import rigid_move
 from simcore.needle.shaft import shaft_frame
 from simcore.rotations import exp_map
@@ -173,7 +174,7 @@ class FullNewton:
 
     def element_forces(self, x: Vector) -> Vector:
         """(t, 4, 3) N: V (P + damping stress) grad N_a; the rotation of F by a singular value decomposition."""
-        t, dt = self.tissue, self.insertion.scenario.dt_s
+        t, dt = self.tissue, self.insertion.model.dt_s
         corners, velocity = x[t.mesh.tets], (x - self.before.bodies.x)[t.mesh.tets] / dt
         return self.forces_of(corners, velocity)
 
@@ -192,7 +193,7 @@ class FullNewton:
 
     def element_tangents(self, x: Vector) -> Vector:
         """(t, 12, 12) N/m by central differences of one corner component of every element at once."""
-        t, dt, step = self.tissue, self.insertion.scenario.dt_s, 1e-7
+        t, dt, step = self.tissue, self.insertion.model.dt_s, 1e-7
         corners, old = x[t.mesh.tets], self.before.bodies.x[t.mesh.tets]
         out = np.empty((len(corners), 12, 12))
         for column in range(12):
@@ -205,13 +206,13 @@ class FullNewton:
 
     def inertia(self, x: Vector) -> Vector:
         """(n, 3) N: M (v+ - v) / dt + alpha M v+."""
-        dt = self.insertion.scenario.dt_s
+        dt = self.insertion.model.dt_s
         v = (x - self.before.bodies.x) / dt
         change = (v - self.before.bodies.v) / dt + self.tissue.mass_damping_per_s * v
         return self.tissue.masses_kg[:, None] * change
 
     def inertia_slope(self) -> Vector:
-        dt = self.insertion.scenario.dt_s
+        dt = self.insertion.model.dt_s
         return self.tissue.masses_kg * (1.0 / dt**2 + self.tissue.mass_damping_per_s / dt)
 
     # needle and constraints
@@ -237,7 +238,7 @@ class FullNewton:
             else:
                 axial = at.force[i] @ tangent
                 lateral = np.linalg.norm(at.force[i] - axial * tangent)
-                laws[i] = axial - levels[i] - self.sign(i) * self.insertion.scenario.interaction.friction * lateral
+                laws[i] = axial - levels[i] - self.sign(i) * self.insertion.model.law.friction * lateral
         return np.concatenate([forces[1:].ravel(), gaps.ravel(), laws])
 
     def shaft(self, needle_x: Vector, needle_R: Vector, arc: float) -> tuple[Vector, Vector, Vector, int, Vector]:
@@ -245,14 +246,13 @@ class FullNewton:
 
     def coulomb(self, force: Vector, slip: Vector) -> Vector:
         """(2,) N on the tissue of a surface contact that slips: mu times the normal force, along the needle's slip."""
-        return self.insertion.scenario.interaction.friction * force[2] * slip[:2] / max(np.hypot(*slip[:2]), 1e-12)
+        return self.insertion.model.law.friction * force[2] * slip[:2] / max(np.hypot(*slip[:2]), 1e-12)
 
     def needle_forces(self, at: Iterate) -> Vector:
         m = self.needle.elements
-        forces = np.empty((m + 1, 6))
-        tangent = np.empty((m + 1, 6, 6)), np.empty((m, 6, 6)), np.empty((m, 6, 6))
-        internal(at.needle_x, at.needle_R, *self.needle.constants, forces, *tangent)
-        return forces
+        beams = BeamForces.of_size(m)
+        internal(at.needle_x, at.needle_R, self.needle.section, beams)
+        return beams.forces
 
     def withdrawn(self, i: int) -> bool:
         return bool(self.elements[i] == 0 and self.channel.arc_m[0] > self.needle.length_m + 1e-9)
@@ -266,11 +266,11 @@ class FullNewton:
 
     def levels(self, at: Iterate, points: Vector) -> Vector:
         """(a,) N: +- tau0 l_i, and f_cut beyond the channel end; Coulomb's part is added by the caller."""
-        values = self.insertion.scenario.interaction
+        law = self.insertion.model.law
         lengths, out = self.tributaries(at, points), np.empty(len(self.elements))
         for i, e in enumerate(self.elements):
             cutting = e == 0 and self.modes[i] == (4 if self.withdrawn(i) else 2)
-            out[i] = self.sign(i) * values.adhesion_n_per_mm * 1e3 * lengths[i] + cutting * values.cutting_n
+            out[i] = self.sign(i) * law.adhesion_n_per_m * lengths[i] + cutting * law.cutting_n
         return out
 
     def tributaries(self, at: Iterate, points: Vector) -> Vector:

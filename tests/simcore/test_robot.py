@@ -9,21 +9,22 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from simcore.insertion.insertion import Pose, rotation_towards
-from simcore.robot import limited_pose
+from simcore.insertion.insertion import rotation_towards
+from simcore.insertion.state import Pose
+from simcore.robot import RobotLimits, limited_pose
 from simcore.rotations import exp_map, log_map
-from simcore.scenario.scenario import Robot
 
 Vector = np.ndarray
 
-LIMITS = Robot(max_speed_mm_s=50.0, max_turn_deg_s=30.0)
+LIMITS = RobotLimits(max_speed_m_s=0.05, max_turn_rad_s=math.radians(30.0))
 DT = 0.01
 STEP_M, STEP_RAD = 50e-3 * DT, math.radians(30.0) * DT
 
 components = st.floats(-1.0, 1.0)
 vectors = st.tuples(components, components, components).map(np.array)
 sizes = st.floats(-9.0, 0.5).map(lambda e: 10.0**e)
-limits = st.builds(Robot, max_speed_mm_s=st.floats(0.1, 1000.0), max_turn_deg_s=st.floats(0.1, 3600.0))
+turns = st.floats(0.1, 3600.0).map(math.radians)
+limits = st.builds(RobotLimits, max_speed_m_s=st.floats(1e-4, 1.0), max_turn_rad_s=turns)
 steps = st.floats(1e-4, 0.1)
 quick = settings(max_examples=200, deadline=None)
 
@@ -46,22 +47,22 @@ def moved(base: Pose, after: Pose) -> tuple[Vector, Vector]:
 
 @quick
 @given(motions(), limits, steps)
-def test_both_limits_are_respected(motion: tuple[Pose, Vector, Vector], robot: Robot, dt: float) -> None:
+def test_both_limits_are_respected(motion: tuple[Pose, Vector, Vector], robot: RobotLimits, dt: float) -> None:
     base, shift, turn = motion
     after, _ = limited_pose(base, commanded(base, shift, turn), robot, dt)
     done, turned = moved(base, after)
-    assert np.linalg.norm(done) <= robot.max_speed_mm_s * 1e-3 * dt * (1 + 1e-9) + 1e-15
-    assert np.linalg.norm(turned) <= math.radians(robot.max_turn_deg_s) * dt * (1 + 1e-9) + 1e-14
+    assert np.linalg.norm(done) <= robot.max_speed_m_s * dt * (1 + 1e-9) + 1e-15
+    assert np.linalg.norm(turned) <= robot.max_turn_rad_s * dt * (1 + 1e-9) + 1e-14
 
 
 @quick
 @given(motions(), limits, steps)
-def test_one_factor_scales_the_whole_twist(motion: tuple[Pose, Vector, Vector], robot: Robot, dt: float) -> None:
+def test_one_factor_scales_the_whole_twist(motion: tuple[Pose, Vector, Vector], robot: RobotLimits, dt: float) -> None:
     """The direction of shift and turn and their ratio are kept: done = share * commanded, for one share of both."""
     base, shift, turn = motion
     after, limited = limited_pose(base, commanded(base, shift, turn), robot, dt)
     done, turned = moved(base, after)
-    longest = robot.max_speed_mm_s * 1e-3 * dt, math.radians(robot.max_turn_deg_s) * dt
+    longest = robot.max_speed_m_s * dt, robot.max_turn_rad_s * dt
     needed = max(float(np.linalg.norm(shift)) / longest[0], float(np.linalg.norm(turn)) / longest[1])
     share = min(1.0, 1.0 / needed) if needed else 1.0
     np.testing.assert_allclose(done, share * shift, atol=1e-15 + 1e-9 * share * float(np.linalg.norm(shift)))
@@ -72,13 +73,15 @@ def test_one_factor_scales_the_whole_twist(motion: tuple[Pose, Vector, Vector], 
 
 @quick
 @given(motions(), limits, steps)
-def test_a_limited_motion_uses_a_limit_fully(motion: tuple[Pose, Vector, Vector], robot: Robot, dt: float) -> None:
+def test_a_limited_motion_uses_a_limit_fully(
+    motion: tuple[Pose, Vector, Vector], robot: RobotLimits, dt: float
+) -> None:
     base, shift, turn = motion
     after, limited = limited_pose(base, commanded(base, shift, turn), robot, dt)
     if limited:
         done, turned = moved(base, after)
-        used = np.linalg.norm(done) / (robot.max_speed_mm_s * 1e-3 * dt)
-        used_turn = np.linalg.norm(turned) / (math.radians(robot.max_turn_deg_s) * dt)
+        used = np.linalg.norm(done) / (robot.max_speed_m_s * dt)
+        used_turn = np.linalg.norm(turned) / (robot.max_turn_rad_s * dt)
         assert max(used, used_turn) == pytest.approx(1.0, rel=1e-6)
 
 

@@ -9,7 +9,8 @@ import pytest
 from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
-from simcore.trajectory import Path, Vector, held_noise, step_count, targets
+from simcore.arrays import Floats
+from simcore.trajectory import Path, held_noise, step_count, targets
 
 ENTRY = np.array([0.018, 0.031, 0.0])
 END = np.array([0.024, 0.041, 0.122])
@@ -38,7 +39,7 @@ def paths(draw: st.DrawFn) -> Path:
     return Path(entry, entry + chord, amplitude, draw(st.floats(0.1, 4.0)), direction)
 
 
-def dense(path: Path, n: int = 200_001) -> tuple[Vector, Vector, Vector]:
+def dense(path: Path, n: int = 200_001) -> tuple[Floats, Floats, Floats]:
     """u (n,), points (n, 3) and summed chord lengths (n,)."""
     u = np.linspace(0.0, 1.0, n)
     points = path.curve(u)
@@ -173,7 +174,7 @@ def test_distance_from_a_line_and_beyond_its_ends() -> None:
 
 @settings(max_examples=40, deadline=None)
 @given(paths(), vectors)
-def test_distance_is_the_smallest_one(path: Path, point: Vector) -> None:
+def test_distance_is_the_smallest_one(path: Path, point: Floats) -> None:
     """Far beyond the centre of curvature too, where Newton's method for the foot point runs away."""
     points = dense(path, 100_001)[1]
     smallest = np.linalg.norm(points - point, axis=1).min()
@@ -232,7 +233,7 @@ def test_targets_beyond_the_last_step_wait_at_the_end() -> None:
 # ---- noise
 
 
-def noise(dt: float, *, duration: float = 0.6, seed: int = 5, amplitude: float = 0.25e-3) -> Vector:
+def noise(dt: float, *, duration: float = 0.6, seed: int = 5, amplitude: float = 0.25e-3) -> Floats:
     steps = round(duration / dt)
     return held_noise(np.random.default_rng(seed), amplitude_m=amplitude, hold_s=0.01, dt_s=dt, steps=steps)
 

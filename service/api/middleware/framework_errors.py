@@ -1,4 +1,4 @@
-"""Errors that a part of the framework answers in plain text become problem+json too. A plain ASGI layer."""
+"""Errors that the framework answers in plain text become problem+json too. A plain ASGI layer."""
 
 from __future__ import annotations
 
@@ -7,19 +7,21 @@ from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
 from service.api.problems import problem_response
 
-_KEPT = ("content-range",)  # of a 416: how long the file is
+_KEPT_HEADERS = ("content-range",)  # of a 416: how long the file is
 _NO_SUCH_RANGE = "the Range header asks for bytes that the file does not have"
 
 
-class PlainErrors:
-    """Puts errors of type text/plain, such as those about a Range header, into the one shape of errors."""
+class PlainTextErrors:
+    """Turns errors of type text/plain, such as those about a Range header, into problem+json."""
 
     def __init__(self, app: ASGIApp) -> None:
         self._app = app
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
+        """Handle one request (ASGI)."""
         if scope["type"] != "http":
-            return await self._app(scope, receive, send)
+            await self._app(scope, receive, send)
+            return
         refused: Message | None = None
         text = b""
 
@@ -44,6 +46,6 @@ def _plain_error(start: Message) -> bool:
 
 def _problem(start: Message, text: bytes, path: str) -> ASGIApp:
     status, headers = start["status"], Headers(raw=start["headers"])
-    kept = {name: headers[name] for name in _KEPT if name in headers}
+    kept = {name: headers[name] for name in _KEPT_HEADERS if name in headers}
     detail = text.decode(errors="replace") or (_NO_SUCH_RANGE if status == 416 else "refused")
     return problem_response(status, detail, instance=path[:200], headers=kept)

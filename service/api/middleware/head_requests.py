@@ -1,4 +1,4 @@
-"""HEAD: the answer of GET without its body. A plain ASGI layer, so that no route has to think of it."""
+"""HEAD: the answer of GET without its body, for every route. A plain ASGI layer."""
 
 from __future__ import annotations
 
@@ -8,14 +8,16 @@ from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
 
 class HeadAsGet:
-    """Asks for GET, passes on status and headers, and ends an answer that would go on, such as a stream of events."""
+    """Runs GET, passes on status and headers, and ends an answer that would go on, such as a stream of events."""
 
     def __init__(self, app: ASGIApp) -> None:
         self._app = app
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
+        """Handle one request (ASGI)."""
         if scope["type"] != "http" or scope["method"] != "HEAD":
-            return await self._app(scope, receive, send)
+            await self._app(scope, receive, send)
+            return
         enough = False
 
         async def head_only(message: Message) -> None:

@@ -1,4 +1,4 @@
-"""Lets in who has a key, by Bearer header or by the cookie of a login, as far as its scope goes and not too often."""
+"""Admits callers with a key, by Bearer header or login cookie, within its scope and rate. A plain ASGI layer."""
 
 from __future__ import annotations
 
@@ -6,51 +6,53 @@ import math
 import time
 from urllib.parse import quote
 
-from sqlalchemy.exc import OperationalError
 from starlette.concurrency import run_in_threadpool
 from starlette.requests import Request
 from starlette.responses import RedirectResponse, Response
 from starlette.types import ASGIApp, Receive, Scope, Send
 
-from service.access import ADMIN, READ, SAFE_METHODS, Caller, refusal, scope_of
-from service.api.middleware.guard import same_origin
-from service.api.middleware.rate_limit import Rate
+from service.access import ADMIN, OPEN_PATHS, READ, SAFE_METHODS, SESSION_COOKIE, Caller, refusal, scope_of
+from service.api.middleware.host_guard import same_origin
+from service.api.middleware.rate_limit import RateLimit
 from service.api.problems import database_refusal, problem_response
+from service.store.errors import OperationalError
 from service.store.keys import Keys
 
-COOKIE = "needlebench_session"
-OPEN_PATHS = frozenset({"/healthz", "/readyz", "/login"})  # health checks carry no key; the login is where one is given
 _OF_EVERY_SCOPE = frozenset({"/logout"})
-_HIDDEN = (
-    "this service asks for a key: send it as Authorization: Bearer KEY, or log in at /login; "
+_NO_KEY = (
+    "this service requires a key: send it as Authorization: Bearer KEY, or log in at /login; "
     "commands and scripts of needlebench take it from NEEDLEBENCH_API_KEY"
 )
 
 
 class KeyGuard:
-    """Puts the `Caller` into the request's state, or refuses: 401 unknown, 403 not allowed, 429 too often."""
+    """Puts the `Caller` into the request's state, or refuses: 401 unknown, 403 not allowed, 429 too many requests."""
 
     def __init__(self, app: ASGIApp, *, keys: Keys, rate_per_key: float) -> None:
         self._app = app
         self._keys = keys
-        self._rate = Rate(rate_per_key, time.monotonic)
+        self._rate = RateLimit(rate_per_key, time.monotonic)
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
+        """Handle one request (ASGI)."""
         if scope["type"] != "http":
-            return await self._app(scope, receive, send)
+            await self._app(scope, receive, send)
+            return
         request = Request(scope)
         try:
             caller = await self._caller(request)
         except OperationalError as error:
-            return await database_refusal(request, error)(scope, receive, send)
+            await database_refusal(request, error)(scope, receive, send)
+            return
         answer = self._refused(request, caller)
         if answer is not None:
-            return await answer(scope, receive, send)
+            await answer(scope, receive, send)
+            return
         scope.setdefault("state", {})["caller"] = caller
         await self._app(scope, receive, send)
 
     async def _caller(self, request: Request) -> Caller | None:
-        """Whoever it is. Threads are for those who must be looked up: a health check never waits for one."""
+        """Who is calling; None = unknown. Only a lookup takes a thread: a health check never waits for one."""
         if request.url.path in OPEN_PATHS:
             return Caller(key_id=None, scope=READ)
         wanted = self._keys.wanted_lately
@@ -59,11 +61,11 @@ class KeyGuard:
         return await run_in_threadpool(self._known, request) if wanted else Caller(key_id=None, scope=ADMIN)
 
     def _known(self, request: Request) -> Caller | None:
-        """A Bearer header, right or wrong, comes before the cookie."""
+        """The owner of the key. A Bearer header, right or wrong, comes before the cookie."""
         if (header := request.headers.get("authorization")) is not None:
             kind, _, key = header.partition(" ")
             return self._keys.caller(key.strip()) if kind.lower() == "bearer" else None
-        token = request.cookies.get(COOKIE)
+        token = request.cookies.get(SESSION_COOKIE)
         return self._keys.browser(token) if token else None
 
     def _refused(self, request: Request, caller: Caller | None) -> Response | None:
@@ -71,22 +73,24 @@ class KeyGuard:
         if caller is None:
             return _unknown(request)
         if caller.by_cookie and method not in SAFE_METHODS and not same_origin(request.headers):
-            return problem_response(403, "a login by cookie changes things from its own page only", instance=path)
+            return problem_response(
+                403, "a browser that is logged in can change things only from the service's own pages", instance=path
+            )
         need = scope_of(method)
         if path not in OPEN_PATHS | _OF_EVERY_SCOPE and not caller.may(need):
             return problem_response(403, refusal(caller.scope, need, f"{method} {path[:100]}"), instance=path)
         wait_s = 0.0 if caller.key_id is None else self._rate.wait_s(caller.key_id)
         if wait_s:
             headers = {"Retry-After": str(math.ceil(wait_s))}
-            return problem_response(429, "this key asks too often", instance=path, headers=headers)
+            return problem_response(429, "too many requests with this key", instance=path, headers=headers)
         return None
 
 
 def _unknown(request: Request) -> Response:
-    """A page in a browser leads to the login, everything else is told."""
+    """A browser is sent to the login page, everything else gets 401."""
     path = request.url.path
     if request.method == "GET" and "text/html" in request.headers.get("accept", ""):
-        asked = path + (f"?{request.url.query}" if request.url.query else "")
-        return RedirectResponse(f"/login?next={quote(asked, safe='')}", status_code=303)
+        wanted = path + (f"?{request.url.query}" if request.url.query else "")
+        return RedirectResponse(f"/login?next={quote(wanted, safe='')}", status_code=303)
     headers = {"WWW-Authenticate": 'Bearer realm="needlebench"'}
-    return problem_response(401, _HIDDEN, instance=path, headers=headers)
+    return problem_response(401, _NO_KEY, instance=path, headers=headers)

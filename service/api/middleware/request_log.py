@@ -1,4 +1,4 @@
-"""The outermost layer around the routes: gives each request an id, counts it, and tells it to the log."""
+"""The outermost layer around the routes: gives each request an id, counts it and logs it. A plain ASGI layer."""
 
 from __future__ import annotations
 
@@ -28,10 +28,12 @@ class RequestLog:
         self._monitor = monitor
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
+        """Handle one request (ASGI)."""
         if scope["type"] != "http":
-            return await self._app(scope, receive, send)
-        asked = Headers(scope=scope).get(_HEADER, "")
-        name = asked if _GOOD.fullmatch(asked) else secrets.token_hex(8)
+            await self._app(scope, receive, send)
+            return
+        given = Headers(scope=scope).get(_HEADER, "")
+        name = given if _GOOD.fullmatch(given) else secrets.token_hex(8)
         started = time.perf_counter()
         status = 500
 
@@ -48,18 +50,17 @@ class RequestLog:
             await self._app(scope, receive, named)
         finally:
             duration_ms = round(1e3 * (time.perf_counter() - started), 1)
-            told = {"method": scope["method"], "path": scope["path"], "status": status, "duration_ms": duration_ms}
-            _log.info("%s %s %d", scope["method"], scope["path"], status, extra={**told, "request_id": name})
+            fields = {"method": scope["method"], "path": scope["path"], "status": status, "duration_ms": duration_ms}
+            _log.info("%s %s %d", scope["method"], scope["path"], status, extra={**fields, "request_id": name})
             request_id.reset(token)
 
 
 def _method(scope: Scope, status: int) -> str:
-    """The method, if the route takes it: anybody can try others, and each would be counted apart for ever, on every
-    route, at 4 kB a histogram."""
+    """The method if the route takes it, else `other`: anybody can send any, and each would take 4 kB for good."""
     known = scope["method"] in _METHODS and status != HTTPStatus.METHOD_NOT_ALLOWED
     return str(scope["method"]) if known else "other"
 
 
 def _route(scope: Scope) -> str:
-    """The address with its parameters unnamed, so that there are not more of them than routes."""
+    """The address with its parameters as names, so that there are no more of them than routes."""
     return str(getattr(scope.get("route"), "path", "none"))

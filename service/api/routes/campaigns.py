@@ -1,19 +1,18 @@
-"""Routes of campaigns: many insertions asked for at once, their progress, results, comparison and trend."""
+"""Routes of campaigns: many insertions at once, their progress, results, comparison and trend."""
 
 from __future__ import annotations
 
-import math
 import shutil
 from typing import Annotated
 
-from fastapi import APIRouter, Path, Query, Response, status
+from fastapi import APIRouter, Query, Response, status
 
-from benchmarks.paper.comparison import as_json
 from benchmarks.paper.suites import suite_names
 from benchmarks.paper.table import insertions_csv, rows
-from benchmarks.trend import lasting
-from service.admission.campaign_planner import CampaignRequest
-from service.api.context import Service, ServiceOf, documented
+from service.admission.campaign_planner import CampaignRequest, estimated_time_s
+from service.api.context import Service, ServiceOf
+from service.api.openapi import documented
+from service.api.parameters import CampaignId, Cursor, SuiteName
 from service.api.schemas.campaigns import (
     CampaignCaseList,
     CampaignCaseView,
@@ -27,20 +26,22 @@ from service.api.schemas.campaigns import (
     SuiteNames,
     SuiteView,
     Trend,
-    TrendLoss,
-    TrendPoint,
 )
-from service.api.schemas.jobs import moment
-from service.campaigns import report as campaign_report
-from service.campaigns import trends
-from service.campaigns.results import between_arms, between_campaigns, outcomes
-from service.store.campaign import Campaign, CampaignCase
+from service.campaigns import report
+from service.campaigns.cases import CaseResult
+from service.campaigns.comparison import compare_campaigns, compare_controllers
+from service.campaigns.overview import campaign_page, overview
+from service.campaigns.results import outcomes
+from service.campaigns.trends import trend
+from service.store.campaign import Campaign
 
 router = APIRouter(prefix="/api/v1", tags=["campaigns"])
 
-CampaignId = Annotated[str, Path(description="Id of a campaign.", min_length=1, max_length=32, pattern="^[0-9a-z]+$")]
-SuiteName = Annotated[str, Path(description="Name of a suite.", min_length=1, max_length=100)]
-STEP_S = 3e-3  # of a step, where no job has been measured yet
+REPORT_HEADERS = {  # a page without scripts that loads nothing
+    "Content-Security-Policy": "default-src 'none'; style-src 'unsafe-inline'; img-src data:; frame-ancestors 'self'",
+    "X-Content-Type-Options": "nosniff",
+    "Cache-Control": "no-store",
+}
 
 
 @router.get("/suites", operation_id="list_suites", summary="List the named suites", responses=documented())
@@ -69,27 +70,19 @@ def create_campaign(
 ) -> CampaignView | CampaignDryRun:
     """Queue every insertion of a suite or of a grid; all of them or none. They run when no single job waits."""
     service.refuse_when_closing()
-    planned = service.planner.plan(body)
+    plan = service.planner.plan(body)
     if dry_run:
         response.status_code = status.HTTP_200_OK
-        steps = sum(job.steps for job in planned.jobs)
-        return CampaignDryRun(
-            name=planned.name,
-            suite=planned.suite,
-            suite_sha256=planned.suite_sha256,
-            jobs=len(planned.jobs),
-            steps=steps,
-            seconds=steps * (service.store.step_s() or STEP_S) / service.settings.workers,
-            first=[job.case_id for job in planned.jobs[:10]],
-        )
-    campaign = service.campaigns.create(planned)
-    service.engine.poke()
+        seconds = estimated_time_s(plan, step_s=service.store.step_s(), workers=service.settings.workers)
+        return CampaignDryRun.of(plan, seconds=seconds)
+    campaign = service.campaigns.create(plan)
+    service.engine.wake()
     response.headers["Location"] = f"/api/v1/campaigns/{campaign.id}"
     return _view(service, campaign)
 
 
 def _view(service: Service, campaign: Campaign) -> CampaignView:
-    return CampaignView.of(campaign, service.campaigns.tally([campaign.id])[campaign.id], service.store.now)
+    return CampaignView.of(overview(service.campaigns, campaign, now=service.store.now))
 
 
 @router.get("/campaigns", operation_id="list_campaigns", summary="List campaigns, newest first", responses=documented())
@@ -97,18 +90,12 @@ def list_campaigns(
     service: ServiceOf,
     suite: Annotated[str | None, Query(max_length=100, description="Only of this suite.")] = None,
     state: Annotated[CampaignState | None, Query(description="Only in this state.")] = None,
-    limit: Annotated[int, Query(ge=1, le=200, description="At most so many.")] = 50,
-    cursor: Annotated[str | None, Query(pattern="^[0-9]{1,18}$", description="next_cursor of the page before.")] = None,
+    limit: Annotated[int, Query(ge=1, le=200, description="Most items of the page.")] = 50,
+    cursor: Cursor = None,
 ) -> CampaignPage:
     """A page of campaigns with their progress."""
-    before = int(cursor) if cursor else None
-    found = service.campaigns.newest(suite=suite, state=state, limit=limit + 1, before=before)
-    items, more = found[:limit], len(found) > limit
-    tallies, now = service.campaigns.tally([one.id for one in items]), service.store.now
-    return CampaignPage(
-        items=[CampaignView.of(one, tallies[one.id], now) for one in items],
-        next_cursor=str(items[-1].seq) if more else None,
-    )
+    page = campaign_page(service.campaigns, suite=suite, state=state, size=limit, cursor=cursor, now=service.store.now)
+    return CampaignPage(items=[CampaignView.of(one) for one in page.items], next_cursor=page.next_cursor)
 
 
 @router.get(
@@ -127,7 +114,7 @@ def get_campaign(campaign_id: CampaignId, service: ServiceOf) -> CampaignView:
     responses=documented(403, 404),
 )
 def cancel_campaign(campaign_id: CampaignId, service: ServiceOf) -> CampaignView:
-    """Queued jobs are cancelled at once, running ones within a second; what is finished stays."""
+    """Queued jobs are cancelled at once, running ones within a second; finished ones are kept."""
     return _view(service, service.campaigns.cancel(campaign_id))
 
 
@@ -151,23 +138,9 @@ def delete_campaign(campaign_id: CampaignId, service: ServiceOf) -> None:
     responses=documented(404),
 )
 def list_campaign_jobs(campaign_id: CampaignId, service: ServiceOf) -> CampaignCaseList:
-    """Every case with its job and what came of it so far."""
-    return CampaignCaseList(items=[_case(case) for case in service.campaigns.cases(campaign_id)])
-
-
-def _case(case: CampaignCase) -> CampaignCaseView:
-    result = case.result or {}
-    measured = result.get("metrics") or {}
-    return CampaignCaseView(
-        case=case.case_id,
-        labels=case.labels,
-        job=case.job_id,
-        state=case.state,
-        status=result.get("status"),
-        success=measured.get("success"),
-        rmse_mm=measured.get("rmse_mm"),
-        digest=result.get("digest"),
-    )
+    """Every case with its job and its result so far."""
+    results = [CaseResult.of(case) for case in service.campaigns.cases(campaign_id)]
+    return CampaignCaseList(items=[CampaignCaseView.of(row) for row in results])
 
 
 @router.get(
@@ -198,7 +171,7 @@ def get_campaign_results(
         headers = {"Content-Disposition": f'attachment; filename="{name}"'}
         return Response(insertions_csv(rows(outcomes(cases))), media_type="text/csv; charset=utf-8", headers=headers)
     campaign = service.campaigns.get(campaign_id)
-    return Response(campaign_report.json_text(campaign, cases), media_type="application/json")
+    return Response(report.json_text(campaign, cases), media_type="application/json")
 
 
 @router.get(
@@ -211,8 +184,8 @@ def get_campaign_results(
 def get_campaign_report(campaign_id: CampaignId, service: ServiceOf) -> Response:
     """Tables, figures and tests over this campaign's insertions, of a grid point by point; also while it runs."""
     campaign = service.campaigns.get(campaign_id)
-    page = campaign_report.page(campaign, service.campaigns.cases(campaign_id))
-    return Response(page, media_type="text/html; charset=utf-8", headers=campaign_report.HEADERS)
+    page = report.page(campaign, service.campaigns.cases(campaign_id))
+    return Response(page, media_type="text/html; charset=utf-8", headers=REPORT_HEADERS)
 
 
 @router.post(
@@ -221,24 +194,11 @@ def get_campaign_report(campaign_id: CampaignId, service: ServiceOf) -> Response
     summary="Compare two campaigns or two controllers",
     responses=documented(400, 403, 404, 413, 415),
 )
-def compare_campaigns(body: ComparisonRequest, service: ServiceOf) -> ComparisonView:
+def create_comparison(body: ComparisonRequest, service: ServiceOf) -> ComparisonView:
     """Paired tests over the paths that both have: failures count as the worst error."""
-    found = [outcomes(service.campaigns.cases(name)) for name in body.campaigns]
-    same = shared = None
     if body.controllers is not None:
-        compared = between_arms(found[0], *body.controllers)
-    else:
-        compared = between_campaigns(found[0], found[1])
-        digests = [{o.case.id: o.result.get("digest") for o in one} for one in found]
-        shared = len(digests[0].keys() & digests[1].keys())
-        same = len([k for k, v in digests[0].items() if v and digests[1].get(k) == v])
-    return ComparisonView(
-        campaigns=body.campaigns,
-        controllers=body.controllers,
-        same_digests=same,
-        shared_cases=shared,
-        comparisons=as_json(compared),
-    )
+        return ComparisonView.of(compare_controllers(service.campaigns, body.campaigns[0], *body.controllers))
+    return ComparisonView.of(compare_campaigns(service.campaigns, *body.campaigns))
 
 
 @router.get("/trends", operation_id="list_trends", summary="Suites that have a history", responses=documented())
@@ -251,40 +211,5 @@ def list_trends(service: ServiceOf) -> SuiteNames:
     "/trends/{suite}", operation_id="get_trend", summary="A suite over commits and dates", responses=documented()
 )
 def get_trend(suite: SuiteName, service: ServiceOf) -> Trend:
-    """The suite's campaigns, oldest first, with regressions marked, and what has not been mended since."""
-    found = trends.history(service.campaigns, suite)
-    runs = [one for _, one, _ in found]
-    return Trend(
-        suite=suite,
-        points=[
-            TrendPoint(
-                campaign=campaign.id,
-                at=moment(one.at),
-                commit=one.commit,
-                machine=one.machine,
-                cases=len(one.rmse_mm),
-                successes=one.successes,
-                median_rmse_mm=one.median_rmse_mm if math.isfinite(one.median_rmse_mm) else None,
-                step_ms=one.step_ms,
-                accuracy=mark.accuracy,
-                accuracy_why=mark.accuracy_why,
-                success=mark.success,
-                success_why=mark.success_why,
-                time=mark.time,
-                time_why=mark.time_why,
-                regression=mark.regression,
-            )
-            for campaign, one, mark in found
-        ],
-        losses=[
-            TrendLoss(
-                figure=loss.figure,
-                campaign=found[loss.since][0].id,
-                at=moment(runs[loss.since].at),
-                commit=runs[loss.since].commit,
-                good_commit=runs[loss.since - 1].commit,
-                why=loss.why,
-            )
-            for loss in lasting(runs)
-        ],
-    )
+    """The suite's campaigns, oldest first, with regressions marked, and what has not recovered since."""
+    return Trend.of(trend(service.campaigns, suite))

@@ -1,7 +1,7 @@
-"""What happens to jobs, as it happens: a stream of server-sent events that can be resumed, or a list.
+"""Events of jobs as they happen: a stream of server-sent events that can be resumed, or a list.
 
-The log of a job holds its changes of state. Progress is told in the stream only, without a number: who comes back
-with the number of the last event gets each later change of state once, and the progress of now.
+The log of a job holds its changes of state. Progress is in the stream only, without a number: a client that resumes
+after the last event it has seen gets each later change of state once, and the current progress.
 """
 
 from __future__ import annotations
@@ -15,7 +15,9 @@ from fastapi import APIRouter, Header, Query, Request, Response
 from fastapi.sse import KEEPALIVE_COMMENT, EventSourceResponse, format_sse_event
 from starlette.concurrency import run_in_threadpool
 
-from service.api.context import JobId, Service, ServiceOf, documented
+from service.api.context import Service, ServiceOf
+from service.api.openapi import documented
+from service.api.parameters import JobId
 from service.api.schemas.jobs import EventList, EventView, Progress
 from service.engine.change_notifier import EVERYTHING
 from service.store.job import RUNNING, TERMINAL, Event, Job
@@ -30,7 +32,7 @@ _BATCH = 200
 After = Annotated[int | None, Query(ge=0, le=2**62, description="Only events after this number.")]
 LastEventId = Annotated[
     str | None,
-    Header(alias="Last-Event-ID", pattern="^[0-9]{1,18}$", description="As `after`; browsers send it by themselves."),
+    Header(alias="Last-Event-ID", pattern="^[0-9]{1,18}$", description="As `after`; browsers send it on their own."),
 ]
 _BOTH: dict[int | str, dict[str, Any]] = {
     200: {
@@ -38,13 +40,13 @@ _BOTH: dict[int | str, dict[str, Any]] = {
         "content": {STREAM: {"schema": {"type": "string"}}},
     }
 }
-_NO_MORE: dict[int | str, dict[str, Any]] = {204: {"description": "The job has ended and all was told."}}
+_NO_MORE: dict[int | str, dict[str, Any]] = {204: {"description": "The job has ended and all of its events were sent."}}
 
 
 @router.get(
     "/jobs/{job_id}/events",
     operation_id="get_job_events",
-    summary="What happens to a job",
+    summary="Events of a job",
     response_model=EventList,
     responses={**_BOTH, **_NO_MORE, **documented(404)},
 )
@@ -60,20 +62,20 @@ async def get_job_events(
 
     As a stream it ends after the event that ends the job. Progress comes at most twice a second and has no id.
     """
-    job = await run_in_threadpool(service.store.glance, job_id)
+    job = await run_in_threadpool(service.store.get_summary, job_id)
     known = int(last_event_id) if last_event_id is not None else after or 0
     if not _streams(accept):
-        return await _listed(service, job_id, known)
-    if job.terminal and last_event_id is not None:
-        if not await run_in_threadpool(service.store.events, job_id, after=known, limit=1):
-            return Response(status_code=204)  # tells a browser to stop connecting again
+        return await _list(service, job_id, known)
+    reconnected = job.terminal and last_event_id is not None
+    if reconnected and not await run_in_threadpool(service.store.events, job_id, after=known, limit=1):
+        return Response(status_code=204)  # tells a browser to stop connecting again
     return _stream(service, request, job_id, known)
 
 
 @router.get(
     "/events",
     operation_id="get_events",
-    summary="What happens to all jobs",
+    summary="Events of all jobs",
     response_model=EventList,
     responses={**_BOTH, **documented()},
 )
@@ -84,10 +86,10 @@ async def get_events(
     last_event_id: LastEventId = None,
     accept: Annotated[str | None, Header()] = None,
 ) -> Response:
-    """Of every job, those submitted later included; a stream without `after` begins with what happens from now on."""
+    """Of every job, later ones included; a stream without `after` begins with the next event."""
     known = int(last_event_id) if last_event_id is not None else after
     if not _streams(accept):
-        return await _listed(service, None, known or 0)
+        return await _list(service, None, known or 0)
     if known is None:
         known = await run_in_threadpool(service.store.last_event)
     return _stream(service, request, None, known)
@@ -97,20 +99,20 @@ def _streams(accept: str | None) -> bool:
     return STREAM in (accept or "").lower()
 
 
-async def _listed(service: Service, job_id: str | None, after: int) -> Response:
-    found = await run_in_threadpool(service.store.events, job_id, after=after)
-    listed = EventList(items=[EventView.of(event) for event in found])
+async def _list(service: Service, job_id: str | None, after: int) -> Response:
+    events = await run_in_threadpool(service.store.events, job_id, after=after)
+    listed = EventList(items=[EventView.of(event) for event in events])
     return Response(listed.model_dump_json(), media_type="application/json")
 
 
 def _stream(service: Service, request: Request, job_id: str | None, after: int) -> Response:
     headers = {"Cache-Control": "no-store", "X-Accel-Buffering": "no"}
-    return EventSourceResponse(_told(service, request, job_id, after), headers=headers)
+    return EventSourceResponse(_events(service, request, job_id, after), headers=headers)
 
 
-async def _told(service: Service, request: Request, job_id: str | None, after: int) -> AsyncIterator[bytes]:
-    """The events after number `after` and the progress between them, until there will be no more of them."""
-    versions: dict[str, int] = {}  # of the progress told last
+async def _events(service: Service, request: Request, job_id: str | None, after: int) -> AsyncIterator[bytes]:
+    """The events after number `after`, with progress between them, until there can be no more."""
+    versions: dict[str, int] = {}  # of the progress sent last
     yield format_sse_event(comment="needlebench", retry=_RETRY_MS)
     with service.changes.watch(job_id or EVERYTHING) as changed:
         while True:
@@ -134,11 +136,11 @@ async def _told(service: Service, request: Request, job_id: str | None, after: i
 
 
 def _advanced(running: list[Job], versions: dict[str, int]) -> list[Job]:
-    """Those with other progress than in `versions`, which becomes that of these jobs: a stream outlives many jobs."""
-    begun = {job.id: job for job in running if job.progress}
-    news = [job for job in begun.values() if versions.get(job.id) != job.version]
+    """The jobs whose progress is not that of `versions`, which is replaced by theirs: a stream outlives many jobs."""
+    started = {job.id: job for job in running if job.progress}
+    news = [job for job in started.values() if versions.get(job.id) != job.version]
     versions.clear()
-    versions.update((job.id, job.version) for job in begun.values())
+    versions.update((job.id, job.version) for job in started.values())
     return news
 
 
@@ -147,12 +149,12 @@ def _news(service: Service, job_id: str | None, after: int) -> tuple[list[Event]
     if job_id is None:
         running = service.store.newest(state=RUNNING)
     else:
-        running = [job for job in service.store.having(job_id) if job.state == RUNNING]
+        running = [job for job in service.store.find(job_id) if job.state == RUNNING]
     return service.store.events(job_id, after=after, limit=_BATCH), running
 
 
 async def _is_last(service: Service, event: Event) -> bool:
-    """Whether this event ended the job for good: it was not queued again since."""
+    """Whether this event ended the job for good: it has not been queued again since."""
     if event.kind == "deleted":
         return True
     if event.kind not in TERMINAL:

@@ -1,4 +1,4 @@
-"""Routes of jobs: submit, list, follow, cancel, delete."""
+"""Routes of jobs: submit, list, wait, cancel, retry, pin, delete."""
 
 from __future__ import annotations
 
@@ -10,10 +10,14 @@ from typing import Annotated, Any
 from fastapi import APIRouter, Header, Query, Request, Response, status
 
 from service.admission.cost import Cost, check_cost, time_limit_s
-from service.api.context import JobId, Service, ServiceOf, documented, matches
-from service.api.idempotency import IdempotencyKey, content_hash, own_key
-from service.api.job_view_cache import Status
+from service.api.context import Service, ServiceOf, etag_matches
+from service.api.idempotency import IdempotencyKey, own_key
+from service.api.job_view_cache import EncodedJob
+from service.api.openapi import documented
+from service.api.parameters import Cursor, JobId
 from service.api.schemas.jobs import JobPage, JobRequest, JobSummary, JobView, State
+from service.store.job import Job, content_hash
+from service.store.paging import read_page
 from simcore.file_names import names_mean
 from simcore.scenario.presets import preset
 from simcore.scenario.scenario import Scenario
@@ -21,8 +25,8 @@ from simcore.scenario.scenario import Scenario
 router = APIRouter(prefix="/api/v1/jobs", tags=["jobs"])
 
 LONGEST_WAIT_S = 60.0
-_LOOK_S = 20.0  # how often a long poll looks whether somebody still waits for it
-LOCATION = {"Location": {"description": "Where the job is.", "schema": {"type": "string"}}}
+_CHECK_S = 20.0  # how often a long poll checks that its client is still there
+LOCATION = {"Location": {"description": "Address of the job.", "schema": {"type": "string"}}}
 
 
 @router.post(
@@ -39,7 +43,7 @@ def submit_job(
     request: Request,
     idempotency_key: IdempotencyKey = None,
 ) -> Response:
-    """Queue one insertion. The scenario is checked first: what is wrong with it is named field by field."""
+    """Queue one insertion. The scenario is checked first, and each wrong field is named."""
     service.refuse_when_closing()
     scenario, cost, uploads = _scenario(body.scenario, service)
     resolved = scenario.resolved()
@@ -56,13 +60,13 @@ def submit_job(
         owner=owner,
         uploads=sorted(uploads),
     )
-    service.engine.poke()
+    service.engine.wake()
     headers = {"Location": f"/api/v1/jobs/{job.id}"}
-    return Response(Status.of(job).body, status.HTTP_202_ACCEPTED, headers, media_type="application/json")
+    return Response(EncodedJob.of(job).body, status.HTTP_202_ACCEPTED, headers, media_type="application/json")
 
 
 def _scenario(value: Any, service: Service) -> tuple[Scenario, Cost, set[str]]:
-    """The scenario, what it costs, the ids of uploads that it names. Raises ScenarioError, also if that is too much."""
+    """The scenario, its cost and the ids of the uploads it names. Raises ScenarioError, also if it costs too much."""
     with names_mean(lookup := service.uploads.lookup()):
         scenario = preset(value) if isinstance(value, str) else Scenario.load(value)
         cost = check_cost(scenario, service.settings.limits)
@@ -78,13 +82,16 @@ def _scenario(value: Any, service: Service) -> tuple[Scenario, Cost, set[str]]:
 def list_jobs(
     service: ServiceOf,
     state: Annotated[State | None, Query(description="Only jobs in this state.")] = None,
-    limit: Annotated[int, Query(ge=1, le=200, description="At most so many.")] = 50,
-    cursor: Annotated[str | None, Query(pattern="^[0-9]{1,18}$", description="next_cursor of the page before.")] = None,
+    limit: Annotated[int, Query(ge=1, le=200, description="Most items of the page.")] = 50,
+    cursor: Cursor = None,
 ) -> JobPage:
     """A page of jobs, without their scenarios and results."""
-    found = service.store.newest(state=state, limit=limit + 1, before=int(cursor) if cursor else None)
-    items, more = found[:limit], len(found) > limit
-    return JobPage(items=[JobSummary.of(job) for job in items], next_cursor=str(items[-1].seq) if more else None)
+
+    def newest(most: int, before: int | None) -> list[Job]:
+        return service.store.newest(state=state, limit=most, before=before)
+
+    page = read_page(newest, size=limit, cursor=cursor)
+    return JobPage(items=[JobSummary.of(job) for job in page.items], next_cursor=page.next_cursor)
 
 
 @router.get(
@@ -92,7 +99,7 @@ def list_jobs(
     operation_id="get_job",
     summary="Read a job, or wait for it",
     response_model=JobView,
-    responses={304: {"description": "Not changed since the version in If-None-Match."}, **documented(404)},
+    responses={304: {"description": "Unchanged since the version in If-None-Match."}, **documented(404)},
 )
 async def get_job(
     job_id: JobId,
@@ -100,28 +107,28 @@ async def get_job(
     request: Request,
     wait: Annotated[
         float,
-        Query(ge=0, le=LONGEST_WAIT_S, allow_inf_nan=False, description="Seconds to wait for the job's end."),
+        Query(ge=0, le=LONGEST_WAIT_S, allow_inf_nan=False, description="Seconds to wait for the end of the job."),
     ] = 0,
-    if_none_match: Annotated[str | None, Header(description="ETag of a reading before.")] = None,
+    if_none_match: Annotated[str | None, Header(description="ETag of an earlier response.")] = None,
 ) -> Response:
-    """The job now. With `wait`, when it has ended or the time is over; with If-None-Match too, as soon as it
-    differs from that version."""
-    now = await (_settled(service, request, job_id, wait, if_none_match) if wait else service.statuses.of(job_id))
+    """The job now. With `wait`, once it has ended or the time is up; with If-None-Match too, as soon as it differs
+    from that version."""
+    now = await (_wait_for(service, request, job_id, wait, if_none_match) if wait else service.job_views.of(job_id))
     headers = {"ETag": now.tag, "Cache-Control": "no-cache"}
-    if matches(if_none_match, now.tag):
+    if etag_matches(if_none_match, now.tag):
         return Response(status_code=status.HTTP_304_NOT_MODIFIED, headers=headers)
     return Response(now.body, status.HTTP_200_OK, headers, media_type="application/json")
 
 
-async def _settled(service: Service, request: Request, job_id: str, wait_s: float, known: str | None) -> Status:
-    """The job once there is something to answer."""
+async def _wait_for(service: Service, request: Request, job_id: str, wait_s: float, known: str | None) -> EncodedJob:
+    """The job once it has ended, differs from the known version, or the time is up."""
     clock = asyncio.get_running_loop().time
     end = clock() + wait_s
     with service.changes.watch(job_id) as changed:
         while True:
             changed.clear()  # before reading: a change after it is not missed
-            now = await service.statuses.of(job_id)
-            news = known is not None and not matches(known, now.tag)
+            now = await service.job_views.of(job_id)
+            news = known is not None and not etag_matches(known, now.tag)
             if now.terminal or news or service.changes.closed:
                 return now
             while not changed.is_set():
@@ -129,7 +136,7 @@ async def _settled(service: Service, request: Request, job_id: str, wait_s: floa
                 if left <= 0 or await request.is_disconnected():
                     return now
                 with suppress(TimeoutError):
-                    await asyncio.wait_for(changed.wait(), min(left, _LOOK_S))
+                    await asyncio.wait_for(changed.wait(), min(left, _CHECK_S))
 
 
 @router.post(
@@ -140,7 +147,7 @@ async def _settled(service: Service, request: Request, job_id: str, wait_s: floa
     responses=documented(404, 409),
 )
 def cancel_job(job_id: JobId, service: ServiceOf) -> JobView:
-    """A queued job is cancelled at once, a running one within a second. Once more is no error."""
+    """A queued job is cancelled at once, a running one within a second. Idempotent."""
     return JobView.of(service.store.cancel(job_id))
 
 
@@ -152,34 +159,34 @@ def cancel_job(job_id: JobId, service: ServiceOf) -> JobView:
     responses=documented(403, 404, 409, 503),
 )
 def retry_job(job_id: JobId, service: ServiceOf) -> JobView:
-    """Queue a job again that failed, was cancelled or ran out of time; its log goes on, its attempts count on."""
+    """Queue a job again that failed, was cancelled or timed out; its log and the count of its attempts continue."""
     service.refuse_when_closing()
     job = service.store.retry(job_id)
-    service.engine.poke()
+    service.engine.wake()
     return JobView.of(job)
 
 
 @router.post(
     "/{job_id}/pin",
     operation_id="pin_job",
-    summary="Keep a job",
+    summary="Pin a job",
     responses=documented(403, 404),
 )
 def pin_job(job_id: JobId, service: ServiceOf) -> JobView:
-    """It is passed over when old jobs are cleared away, and cannot be deleted. Once more is no error."""
+    """A pinned job is kept when old jobs are removed, and cannot be deleted. Idempotent."""
     return JobView.of(service.store.pin(job_id, pinned=True))
 
 
 @router.delete(
     "/{job_id}/pin",
     operation_id="unpin_job",
-    summary="Keep a job no longer",
+    summary="Unpin a job",
     status_code=status.HTTP_204_NO_CONTENT,
     responses=documented(403, 404),
 )
 def unpin_job(job_id: JobId, service: ServiceOf, request: Request) -> None:
-    """It may be cleared away again. Once more is no error. Another key's needs the scope admin."""
-    request.state.caller.must_own(service.store.glance(job_id).owner, f"job {job_id}")
+    """It may be removed again. Idempotent. A job of another key needs the scope admin."""
+    request.state.caller.require_owner(service.store.get_summary(job_id).owner, f"job {job_id}")
     service.store.pin(job_id, pinned=False)
 
 
@@ -191,7 +198,7 @@ def unpin_job(job_id: JobId, service: ServiceOf, request: Request) -> None:
     responses=documented(404, 409),
 )
 def delete_job(job_id: JobId, service: ServiceOf, request: Request) -> None:
-    """Forget the job, with its result, series and recording. Another key's needs the scope admin."""
-    request.state.caller.must_own(service.store.glance(job_id).owner, f"job {job_id}")
+    """Delete the job with its result, series and recording. A job of another key needs the scope admin."""
+    request.state.caller.require_owner(service.store.get_summary(job_id).owner, f"job {job_id}")
     service.store.delete(job_id)
     shutil.rmtree(service.settings.jobs / job_id, ignore_errors=True)

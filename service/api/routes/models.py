@@ -1,42 +1,39 @@
-"""Routes of models: what there is to steer by, and jobs that train more; and of the controllers that use them."""
+"""Routes of models: the list, the jobs that train more; and of the controllers that use them."""
 
 from __future__ import annotations
 
 from typing import Annotated, Any, get_args
 
-from fastapi import APIRouter, Path, Query, Request, Response, status
+from fastapi import APIRouter, Query, Request, Response, status
 from starlette.responses import FileResponse
 
-from service.admission.training_request import TrainRequest, check_training
-from service.api.context import ServiceOf, documented
-from service.api.idempotency import IdempotencyKey, content_hash, own_key
-from service.api.problems import HttpProblem
+from service.admission.training_request import STEPS, TrainRequest, check_training
+from service.api.context import ServiceOf
+from service.api.idempotency import IdempotencyKey, own_key
+from service.api.openapi import documented
+from service.api.parameters import ModelId
+from service.api.problems import HttpError
 from service.api.routes.jobs import LOCATION
 from service.api.schemas.jobs import JobSummary, JobView
-from service.api.schemas.models import ControllerInfo, ControllerList, ModelDetail, ModelList, ModelView
+from service.api.schemas.models import JOBS_SHOWN, ControllerInfo, ControllerList, ModelDetail, ModelList, ModelView
 from service.files.upload_names import SCHEME
-from service.store.job import TRAINING
-from service.store.models import MODEL_ID
+from service.store.job import TRAINING, content_hash
 from service.store.uploads import Upload
-from service.worker.training_job import STAGES
 from simcore.errors import Problem, ScenarioError
 from simcore.scenario.controller_blocks import Controller, Learned
 
 router = APIRouter(prefix="/api/v1", tags=["models"])
 
-USERS = 20
 _JSON = {"application/json": {"schema": {"type": "object"}}}
-
-ModelId = Annotated[str, Path(description="Id of a model.", max_length=80, pattern=f"^{MODEL_ID}$")]
 
 
 @router.get("/models", operation_id="list_models", summary="Models of learned controllers", responses=documented())
 def list_models(
     service: ServiceOf,
-    limit: Annotated[int, Query(ge=1, le=1000, description="At most so many of this service.")] = 100,
+    limit: Annotated[int, Query(ge=1, le=1000, description="Most uploaded and trained ones in the list.")] = 100,
 ) -> ModelList:
-    """Those that were trained here or sent in, newest first, then those that come along. A scenario steers by one with
-    its `kind` as `controller.kind` and its `reference` as `controller.model`."""
+    """Those that were trained or uploaded here, newest first, then the bundled ones. To steer by one, a scenario sets
+    `controller.kind` to its `kind` and `controller.model` to its `reference`."""
     return ModelList(items=[ModelView.of(model) for model in service.models.all(limit=limit)])
 
 
@@ -55,8 +52,8 @@ def train_model(
     response: Response,
     idempotency_key: IdempotencyKey = None,
 ) -> JobView:
-    """Queue a job that learns from an uploaded data set, as `needlebench train` does. Its model is one of this service
-    as soon as the job has succeeded; the same request gives the same model, to the last bit."""
+    """Queue a job that learns from an uploaded data set, as `needlebench train` does. Its model is listed once the job
+    has succeeded; the same request gives the same model, to the last bit."""
     service.refuse_when_closing()
     training = body.resolved()
     data = _data(service.uploads.find(body.data.removeprefix(SCHEME)), body.data)
@@ -67,7 +64,7 @@ def train_model(
         name=body.name or f"{body.kind} from {data.name}"[:100],
         spec={"training": training},
         spec_hash=content_hash(training),
-        steps=len(STAGES),
+        steps=STEPS,
         priority=body.priority,
         timeout_s=body.timeout_s,
         key=own_key(idempotency_key, owner),
@@ -75,23 +72,23 @@ def train_model(
         owner=owner,
         uploads=[data.id],
     )
-    service.engine.poke()
+    service.engine.wake()
     response.headers["Location"] = f"/api/v1/jobs/{job.id}"
     return JobView.of(job)
 
 
-def _data(found: Upload | None, reference: str) -> Upload:
-    if found is None:
-        message = "is no upload of this service, or was deleted: send the file with `needlebench upload`"
+def _data(upload: Upload | None, reference: str) -> Upload:
+    if upload is None:
+        message = "is not an upload of this service, or was deleted: send the file with `needlebench upload`"
         raise ScenarioError([Problem("data", reference, message)])
-    return found
+    return upload
 
 
 @router.get("/models/{model_id}", operation_id="get_model", summary="One model", responses=documented(404))
 def get_model(model_id: ModelId, service: ServiceOf) -> ModelDetail:
-    """Its settings, where it comes from, its errors, and the last jobs that steer by it."""
+    """Its settings, provenance and errors, and the last jobs that steer by it."""
     model = service.models.get(model_id)
-    users = [JobSummary.of(job) for job in service.models.used_by(model, limit=USERS)]
+    users = [JobSummary.of(job) for job in service.models.used_by(model, limit=JOBS_SHOWN)]
     fields = ModelDetail.fields_of(model)
     return ModelDetail(**fields, settings=model.settings, provenance=model.provenance, used_by=users)
 
@@ -107,14 +104,14 @@ def get_model_content(model_id: ModelId, service: ServiceOf) -> Response:
     """As `controller.model` takes it on the command line."""
     model = service.models.get(model_id)
     if not model.path.is_file():
-        raise HttpProblem(404, f"{model_id} is no longer in the data folder")
+        raise HttpError(404, f"{model_id} is no longer in the data folder")
     headers = {"ETag": f'"{model.sha256}"', "Cache-Control": "no-cache"}
     return FileResponse(model.path, media_type="application/json", filename=model.name, headers=headers)
 
 
 @router.get("/controllers", operation_id="list_controllers", summary="Kinds of controllers", responses=documented())
 def list_controllers() -> ControllerList:
-    """What `controller` of a scenario can be, with the schema and the defaults of each."""
+    """The kinds that `controller` of a scenario can have, with the schema and the defaults of each."""
     blocks = get_args(get_args(Controller)[0])
     return ControllerList(items=[_info(block) for block in blocks])
 

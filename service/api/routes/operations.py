@@ -1,12 +1,12 @@
-"""Routes for those who run the service: what a monitor reads, and clearing away old jobs."""
+"""Routes for operators: figures for a monitor, and the removal of old jobs."""
 
 from __future__ import annotations
 
 from fastapi import APIRouter, Response
 from prometheus_client import CONTENT_TYPE_LATEST
 
-from service.access import admin_only
-from service.api.context import ServiceOf, documented
+from service.api.context import ServiceOf, admin_only
+from service.api.openapi import documented
 from service.api.schemas.operations import ClearedView, ClearRequest
 from service.engine import retention
 
@@ -21,20 +21,21 @@ router = APIRouter(tags=["service"])
     responses={200: {"content": {"text/plain": {"schema": {"type": "string"}}}}, **documented()},
 )
 def get_monitoring(service: ServiceOf) -> Response:
-    """Jobs by state, waiting and run times, workers, answers by route, disk, memory and build."""
+    """Jobs by state, waiting and run times, workers, responses by route, disk, memory and build."""
     return Response(service.monitor.text(), media_type=CONTENT_TYPE_LATEST)
 
 
 @router.post(
     "/api/v1/gc",
     operation_id="clear_jobs",
-    summary="Clear away old jobs",
+    summary="Remove old jobs",
     responses=documented(400, 403, 413, 415),
     **admin_only(),
 )
 def clear_jobs(body: ClearRequest, service: ServiceOf) -> ClearedView:
-    """Delete jobs that have ended, with their files, by age, number or size; pinned ones stay. With an age, uploads of
-    that age go too that no job, campaign, schedule or model names which stays. Folders without a job go in any case."""
+    """Delete jobs that have ended, with their files, by age, number or size; pinned ones are kept. With an age, uploads
+    of that age are deleted too unless a remaining job, campaign, schedule or model uses them. Folders without a job
+    are deleted in any case."""
     policy = retention.Policy(older_than_s=body.older_than_s, keep_last=body.keep_last, max_bytes=body.max_bytes)
     cleared = retention.clear(
         service.store, service.settings.jobs, policy, dry_run=body.dry_run, uploads=service.uploads

@@ -1,4 +1,4 @@
-"""Routes of what a job leaves behind: metrics, series, files, recording."""
+"""Routes of the results of a job: metrics, series, files, log, recording."""
 
 from __future__ import annotations
 
@@ -12,9 +12,11 @@ from fastapi import APIRouter, Header, Query, Request, Response
 from starlette.concurrency import run_in_threadpool
 from starlette.responses import FileResponse, PlainTextResponse, StreamingResponse
 
-from service.api.context import JobId, Service, ServiceOf, documented, matches
+from service.api.context import Service, ServiceOf, etag_matches
 from service.api.file_tail import tail
-from service.api.problems import HttpProblem
+from service.api.openapi import documented
+from service.api.parameters import JobId
+from service.api.problems import HttpError
 from service.api.schemas.jobs import ArtefactList, ArtefactView, MetricsView
 from service.files import series_formats as series
 from service.logs import LOG
@@ -59,7 +61,7 @@ def get_metrics(job_id: JobId, service: ServiceOf) -> MetricsView:
     response_class=Response,
     responses={
         200: {
-            "description": "One row a step, row 0 the initial state; SI units, world frame.",
+            "description": "One row per step, row 0 the initial state; SI units, world frame.",
             "content": {
                 "application/json": {"schema": {"type": "object"}},
                 "text/csv": {"schema": {"type": "string"}},
@@ -75,12 +77,12 @@ def get_series(
     format: Annotated[Literal["json", "csv", "npz"] | None, Query(description="Default: by Accept, else json.")] = None,
     names: Annotated[
         str | None,
-        Query(max_length=2000, description="Comma-separated arrays; default: all that have one row a step."),
+        Query(max_length=2000, description="Comma-separated arrays; default: all that have one row per step."),
     ] = None,
     accept: Annotated[str | None, Header()] = None,
 ) -> Response:
-    """As JSON or CSV the arrays with one row a step; as npz the whole file, tissue frames included."""
-    _finished(service.store.glance(job_id))
+    """As JSON or CSV, the arrays with one row per step; as npz the whole file, tissue frames included."""
+    _finished(service.store.get_summary(job_id))
     artefact = _artefact(service, job_id, "series.npz")
     path = _path(service, artefact)
     wanted = format or _accepted(accept)
@@ -92,7 +94,7 @@ def get_series(
             return Response(series.as_csv(arrays), media_type="text/csv")
         return Response(series.as_json(arrays), media_type="application/json")
     except ValueError as error:
-        raise HttpProblem(422, str(error), errors=[Problem("names", names, str(error))]) from None
+        raise HttpError(422, str(error), errors=[Problem("names", names, str(error))]) from None
 
 
 def _accepted(accept: str | None) -> str:
@@ -113,7 +115,7 @@ def _accepted(accept: str | None) -> str:
 )
 def list_artefacts(job_id: JobId, service: ServiceOf) -> ArtefactList:
     """Name, size and SHA-256 of each."""
-    service.store.glance(job_id)
+    service.store.get_summary(job_id)
     return ArtefactList(items=[ArtefactView.of(job_id, item) for item in service.store.artefacts(job_id)])
 
 
@@ -126,8 +128,8 @@ def list_artefacts(job_id: JobId, service: ServiceOf) -> ArtefactList:
     responses={200: {"content": {"application/octet-stream": _BINARY}}, **documented(400, 404, 416)},
 )
 def get_artefact(job_id: JobId, name: str, service: ServiceOf) -> Response:
-    """The file as the job wrote it; only names in the list of artefacts are known."""
-    service.store.glance(job_id)
+    """The file as the job wrote it; its name is one of the list of artefacts."""
+    service.store.get_summary(job_id)
     artefact = _artefact(service, job_id, name)
     media_type = "application/json" if artefact.name.endswith(".json") else "application/octet-stream"
     path = _path(service, artefact)
@@ -137,7 +139,7 @@ def get_artefact(job_id: JobId, name: str, service: ServiceOf) -> Response:
 @router.get(
     f"{_JOB}/log",
     operation_id="get_log",
-    summary="What a job logged",
+    summary="Log of a job",
     tags=["results"],
     response_class=PlainTextResponse,
     responses={200: {"content": {"text/plain": {"schema": {"type": "string"}}}}, **documented(404)},
@@ -147,15 +149,15 @@ def get_log(
     service: ServiceOf,
     attempt: Annotated[int | None, Query(ge=1, le=10**6, description="Default: the last one.")] = None,
 ) -> Response:
-    """The lines that an attempt has logged, warned and printed so far; of a long log the last megabyte."""
-    job = service.store.glance(job_id)
+    """What an attempt has logged, warned and printed so far; of a long log, the last megabyte."""
+    job = service.store.get_summary(job_id)
     wanted = replace(job, attempt=attempt or job.attempt)
     try:
         with (service.settings.data / wanted.folder / LOG).open("rb") as file:
             file.seek(max(0, file.seek(0, os.SEEK_END) - _LOG_BYTES))
             text = file.read(_LOG_BYTES)
     except OSError:
-        raise HttpProblem(404, f"attempt {wanted.attempt} of job {job_id} has left no log") from None
+        raise HttpError(404, f"attempt {wanted.attempt} of job {job_id} left no log") from None
     return PlainTextResponse(text.decode(errors="replace"), headers={"Cache-Control": "no-cache"})
 
 
@@ -168,7 +170,7 @@ def get_log(
     responses={
         200: {"description": "The whole file, or a running job's as it grows.", "content": {RRD: _BINARY}},
         206: {"description": "A range of a complete file.", "content": {RRD: _BINARY}},
-        304: {"description": "Not changed."},
+        304: {"description": "Unchanged."},
         **documented(400, 404, 416),
     },
 )
@@ -178,17 +180,17 @@ async def get_recording(
     request: Request,
     if_none_match: Annotated[str | None, Header()] = None,
 ) -> Response:
-    """The complete file once the job has ended; before that one response that follows the growing file and ends
-    with the job. Open either in the Rerun viewer."""
+    """The complete file once the job has ended; before that, a response that follows the growing file and ends with
+    the job. Open either in the Rerun viewer."""
     job = await run_in_threadpool(service.store.get, job_id)
     if job.kind != INSERTION:
-        raise HttpProblem(404, f"job {job_id} is a {job.kind}: there is nothing to record")
+        raise HttpError(404, f"job {job_id} is a {job.kind}: it has no recording")
     if not (job.spec or {})["scenario"]["recording"]["enabled"]:
-        raise HttpProblem(404, f"job {job_id} was submitted with recording.enabled = false")
+        raise HttpError(404, f"job {job_id} was submitted with recording.enabled = false")
     if not job.terminal:
         return StreamingResponse(_live(service, request, job), media_type=RRD, headers={"Cache-Control": "no-store"})
     artefact = await run_in_threadpool(_artefact, service, job_id, "recording.rrd")
-    if matches(if_none_match, _tag(artefact)["ETag"]):
+    if etag_matches(if_none_match, _tag(artefact)["ETag"]):
         return Response(status_code=304, headers=_tag(artefact))
     return FileResponse(_path(service, artefact), media_type=RRD, headers=_tag(artefact))
 
@@ -205,21 +207,21 @@ def _finished(job: Job) -> Job:
     if job.state == SUCCEEDED:
         return job
     if job.terminal:
-        raise HttpProblem(404, f"job {job.id} is {job.state}: it has no result")
-    raise HttpProblem(409, f"job {job.id} is {job.state}: it has no result yet", headers={"Retry-After": "1"})
+        raise HttpError(404, f"job {job.id} is {job.state}: it has no result")
+    raise HttpError(409, f"job {job.id} is {job.state}: it has no result yet", headers={"Retry-After": "1"})
 
 
 def _artefact(service: Service, job_id: str, name: str) -> Artefact:
     for artefact in service.store.artefacts(job_id):
         if artefact.name == name:
             return artefact
-    raise HttpProblem(404, f"job {job_id} has no {name[:100]}")
+    raise HttpError(404, f"job {job_id} has no {name[:100]}")
 
 
 def _path(service: Service, artefact: Artefact) -> Path:
     path = service.settings.data / artefact.path
     if not path.is_file():
-        raise HttpProblem(404, f"{artefact.name} is no longer in the data folder")
+        raise HttpError(404, f"{artefact.name} is no longer in the data folder")
     return path
 
 

@@ -1,14 +1,16 @@
-"""Routes of schedules: campaigns that are run again and again."""
+"""Routes of schedules: campaigns that run at set times."""
 
 from __future__ import annotations
 
 from typing import Annotated
 
-from fastapi import APIRouter, Header, Path, Query, Response, status
+from fastapi import APIRouter, Header, Query, Response, status
 
-from service.api.context import ServiceOf, documented
-from service.api.problems import HttpProblem
-from service.api.schemas.campaigns import (
+from service.api.context import ServiceOf
+from service.api.openapi import documented
+from service.api.parameters import ScheduleId
+from service.api.problems import HttpError
+from service.api.schemas.schedules import (
     ScheduleList,
     SchedulePatch,
     ScheduleRequest,
@@ -19,23 +21,21 @@ from service.api.schemas.campaigns import (
 
 router = APIRouter(prefix="/api/v1/schedules", tags=["schedules"])
 
-ScheduleId = Annotated[str, Path(description="Id of a schedule.", min_length=1, max_length=32, pattern="^[0-9a-z]+$")]
-
 
 @router.post(
     "",
     operation_id="create_schedule",
-    summary="Run a campaign by the clock",
+    summary="Schedule a campaign",
     status_code=status.HTTP_201_CREATED,
     responses=documented(400, 403, 409, 413, 415),
 )
 def create_schedule(body: ScheduleRequest, service: ServiceOf, response: Response) -> ScheduleView:
-    """The campaign is checked now, and made anew at each tick."""
+    """The campaign is checked now, and created again at each tick."""
     service.planner.plan(body.campaign)
-    made = service.schedules.create(body.values())
-    response.headers["Location"] = f"/api/v1/schedules/{made.id}"
-    response.headers["ETag"] = f'"{made.version}"'
-    return ScheduleView.of(made)
+    schedule = service.schedules.create(body.values())
+    response.headers["Location"] = f"/api/v1/schedules/{schedule.id}"
+    response.headers["ETag"] = f'"{schedule.version}"'
+    return ScheduleView.of(schedule)
 
 
 @router.get("", operation_id="list_schedules", summary="List the schedules", responses=documented())
@@ -63,9 +63,9 @@ def change_schedule(
     body: SchedulePatch,
     service: ServiceOf,
     response: Response,
-    if_match: Annotated[str | None, Header(description="ETag of the reading that the change is based on.")] = None,
+    if_match: Annotated[str | None, Header(description="ETag of the version that the change is based on.")] = None,
 ) -> ScheduleView:
-    """What is left out stays. With If-Match nothing is changed when somebody else was faster."""
+    """Fields that are left out keep their values. With If-Match nothing changes if somebody else was faster."""
     if body.campaign is not None:
         service.planner.plan(body.campaign)
     changed = service.schedules.change(schedule_id, body.values(), version=_version(if_match))
@@ -78,7 +78,7 @@ def _version(if_match: str | None) -> int | None:
         return None
     text = if_match.strip().removeprefix("W/").strip('"')
     if not text.isascii() or not text.isdigit() or len(text) > 18:
-        raise HttpProblem(
+        raise HttpError(
             412, f"If-Match must be the ETag of the schedule, a number in quotes, and not {if_match[:40]!r}"
         )
     return int(text)
@@ -92,35 +92,35 @@ def _version(if_match: str | None) -> int | None:
     responses=documented(403, 404),
 )
 def delete_schedule(schedule_id: ScheduleId, service: ServiceOf) -> None:
-    """Forget the schedule and its history; the campaigns that it started stay."""
+    """Delete the schedule and its history; the campaigns that it started are kept."""
     service.schedules.delete(schedule_id)
 
 
 @router.post(
     "/{schedule_id}/trigger",
     operation_id="trigger_schedule",
-    summary="Run a schedule's campaign now",
+    summary="Run the campaign of a schedule now",
     status_code=status.HTTP_202_ACCEPTED,
     responses=documented(403, 404, 503),
 )
 def trigger_schedule(schedule_id: ScheduleId, service: ServiceOf) -> ScheduleRunView:
-    """As if its time had come; its overlap rule holds."""
+    """As if it were due; its overlap rule applies."""
     service.refuse_when_closing()
     run = service.schedules.trigger(schedule_id, service.planner.of_stored)
-    service.engine.poke()
+    service.engine.wake()
     return ScheduleRunView.of(run)
 
 
 @router.get(
     "/{schedule_id}/runs",
     operation_id="list_schedule_runs",
-    summary="What became of a schedule's ticks",
+    summary="List the runs of a schedule",
     responses=documented(404),
 )
 def list_schedule_runs(
     schedule_id: ScheduleId,
     service: ServiceOf,
-    limit: Annotated[int, Query(ge=1, le=1000, description="At most so many.")] = 100,
+    limit: Annotated[int, Query(ge=1, le=1000, description="Most items of the list.")] = 100,
 ) -> ScheduleRunList:
     """Newest first."""
     return ScheduleRunList(items=[ScheduleRunView.of(run) for run in service.schedules.runs(schedule_id, limit=limit)])

@@ -7,11 +7,11 @@ from typing import Annotated
 
 from fastapi import APIRouter, Path
 
-from service.api.context import ServiceOf, documented
-from service.api.problems import HttpProblem
+from service.api.context import ServiceOf
+from service.api.openapi import documented
+from service.api.problems import HttpError
 from service.api.readiness import checks
-from service.api.schemas.jobs import ScenarioInfo, ScenarioList, Version
-from service.api.schemas.operations import CheckView, Health, Readiness
+from service.api.schemas.system import CheckView, Health, Readiness, ScenarioInfo, ScenarioList, Version
 from service.version import installed_version
 from simcore.errors import ScenarioError
 from simcore.scenario.presets import preset_names, start
@@ -20,22 +20,22 @@ from simcore.scenario.scenario import SCHEMA
 router = APIRouter(tags=["service"])
 
 
-@router.get("/healthz", operation_id="get_health", summary="Is it up?")
+@router.get("/healthz", operation_id="get_health", summary="Is it alive?")
 def get_health() -> Health:
-    """Answers as long as the process does."""
+    """Answers as long as the process is alive."""
     return Health()
 
 
-@router.get("/readyz", operation_id="get_readiness", summary="Can it work?", responses=documented(503))
+@router.get("/readyz", operation_id="get_readiness", summary="Is it ready?", responses=documented(503))
 def get_readiness(service: ServiceOf) -> Readiness:
-    """Writes to the data folder and the database, looks at the disk and counts warm workers. Jobs are accepted while
+    """Writes to the data folder and the database, checks the disk and counts warm workers. Jobs are accepted while
     workers start. A problem of status 503 has the same `checks`."""
-    found = checks(service)
-    views = [CheckView.of(check) for check in found]
-    bad = [f"{check.name}: {check.found}" for check in found if check.level == "bad"]
+    results = checks(service)
+    views = [CheckView.of(check) for check in results]
+    bad = [f"{check.name}: {check.found}" for check in results if check.level == "bad"]
     if bad:
         more = {"checks": [view.model_dump() for view in views]}
-        raise HttpProblem(503, "; ".join(bad), more=more, headers={"Retry-After": "10"})
+        raise HttpError(503, "; ".join(bad), more=more, headers={"Retry-After": "10"})
     engine = service.engine
     ready = engine.ready == engine.slots
     return Readiness(
@@ -43,12 +43,12 @@ def get_readiness(service: ServiceOf) -> Readiness:
         workers=engine.slots,
         workers_ready=engine.ready,
         problem=engine.problem,
-        warnings=[f"{check.name}: {check.found}; {check.advice}" for check in found if check.level == "warn"],
+        warnings=[f"{check.name}: {check.found}; {check.advice}" for check in results if check.level == "warn"],
         checks=views,
     )
 
 
-@router.get("/version", operation_id="get_version", summary="Which version is it?", responses=documented())
+@router.get("/version", operation_id="get_version", summary="Version", responses=documented())
 def get_version() -> Version:
     """Of the program, of Python and of the scenario format."""
     return Version(version=installed_version(), python=platform.python_version(), scenario_schema=SCHEMA)
@@ -61,7 +61,7 @@ def get_version() -> Version:
     responses=documented(),
 )
 def list_scenarios() -> ScenarioList:
-    """Each with every field, null where other fields settle it: a start for one's own."""
+    """Each with every field, null where it follows from others: a starting point for your own."""
     return ScenarioList(items=[_info(name) for name in preset_names()])
 
 
@@ -76,7 +76,7 @@ def get_scenario(name: Annotated[str, Path(max_length=100)]) -> ScenarioInfo:
     try:
         return _info(name)
     except ScenarioError as error:
-        raise HttpProblem(404, str(error.problems[0].message)) from None
+        raise HttpError(404, str(error.problems[0].message)) from None
 
 
 def _info(name: str) -> ScenarioInfo:

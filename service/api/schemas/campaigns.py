@@ -1,23 +1,27 @@
-"""The JSON of campaigns, schedules, comparisons and trends."""
+"""The JSON of campaigns, comparisons and trends."""
 
 from __future__ import annotations
 
+import math
 from datetime import datetime
 from typing import Annotated, Any, Literal, Self
 
 from pydantic import BaseModel, ConfigDict, Field, StringConstraints, model_validator
 
-from service.admission.campaign_planner import CampaignRequest
-from service.api.schemas.jobs import moment
-from service.store.campaign import Campaign, Tally
-from service.store.schedule import Catchup, Overlap, Schedule, ScheduleRun
+from benchmarks.paper.comparison import as_json
+from service.api.schemas.timestamps import utc
+from service.campaigns.cases import CaseResult
+from service.campaigns.comparison import CampaignComparison
+from service.campaigns.overview import CampaignOverview
+from service.campaigns.trends import SuiteTrend, TrendRun
+from service.store.campaign import CampaignPlan
 
 CampaignState = Literal["running", "done", "cancelled"]
 Name = Annotated[str, StringConstraints(min_length=1, max_length=100)]
 
 
 class CampaignLinks(BaseModel):
-    """Where the rest of a campaign is."""
+    """Addresses of everything else about a campaign."""
 
     self: str
     cancel: str
@@ -27,7 +31,7 @@ class CampaignLinks(BaseModel):
 
 
 class CampaignView(BaseModel):
-    """A campaign. jobs: how many of its jobs are in which state; fraction: of its steps, done."""
+    """A campaign. jobs: how many of its jobs are in which state; fraction: share of its steps that are done."""
 
     id: str
     name: str
@@ -48,9 +52,10 @@ class CampaignView(BaseModel):
     links: CampaignLinks
 
     @classmethod
-    def of(cls, campaign: Campaign, tally: Tally, now: float) -> Self:
+    def of(cls, overview: CampaignOverview) -> Self:
+        """The JSON of a campaign and its progress."""
+        campaign = overview.campaign
         base = f"/api/v1/campaigns/{campaign.id}"
-        fraction = 1.0 if campaign.terminal else tally.steps_done / max(tally.steps, 1)
         return cls(
             id=campaign.id,
             name=campaign.name,
@@ -60,14 +65,14 @@ class CampaignView(BaseModel):
             cancelling=campaign.cancel_requested and not campaign.terminal,
             request=campaign.request,
             cases=campaign.cases,
-            jobs=tally.states,
-            fraction=fraction,
-            eta_s=_eta_s(campaign, fraction, now),
+            jobs=overview.tally.states,
+            fraction=overview.fraction,
+            eta_s=overview.eta_s,
             priority=campaign.priority,
             timeout_s=campaign.timeout_s,
             schedule=campaign.schedule_id,
-            created_at=moment(campaign.created_at),
-            finished_at=moment(campaign.finished_at),
+            created_at=utc(campaign.created_at),
+            finished_at=utc(campaign.finished_at),
             links=CampaignLinks(
                 self=base,
                 cancel=f"{base}/cancel",
@@ -76,12 +81,6 @@ class CampaignView(BaseModel):
                 report=f"{base}/report",
             ),
         )
-
-
-def _eta_s(campaign: Campaign, fraction: float, now: float) -> float | None:
-    if campaign.terminal:
-        return 0.0
-    return (now - campaign.created_at) * (1.0 - fraction) / fraction if fraction > 0.0 else None
 
 
 class CampaignPage(BaseModel):
@@ -102,6 +101,19 @@ class CampaignDryRun(BaseModel):
     seconds: float
     first: list[str] = Field(description="Ids of the first cases.")
 
+    @classmethod
+    def of(cls, plan: CampaignPlan, *, seconds: float) -> Self:
+        """The JSON of a plan."""
+        return cls(
+            name=plan.name,
+            suite=plan.suite,
+            suite_sha256=plan.suite_sha256,
+            jobs=len(plan.jobs),
+            steps=sum(job.steps for job in plan.jobs),
+            seconds=seconds,
+            first=[job.case_id for job in plan.jobs[:10]],
+        )
+
 
 class CampaignCaseView(BaseModel):
     """One insertion of a campaign; job: null once it was deleted."""
@@ -115,8 +127,16 @@ class CampaignCaseView(BaseModel):
     rmse_mm: float | None
     digest: str | None
 
+    @classmethod
+    def of(cls, row: CaseResult) -> Self:
+        """The JSON of one insertion."""
+        names = ("labels", "state", "status", "success", "rmse_mm", "digest")
+        return cls(case=row.case_id, job=row.job_id, **{name: getattr(row, name) for name in names})
+
 
 class CampaignCaseList(BaseModel):
+    """The insertions of a campaign, in the order of their numbers."""
+
     items: list[CampaignCaseView]
 
 
@@ -128,124 +148,9 @@ class SuiteView(BaseModel):
 
 
 class SuiteList(BaseModel):
+    """The named suites."""
+
     items: list[SuiteView]
-
-
-class ScheduleRequest(BaseModel):
-    """A campaign that is run again and again."""
-
-    model_config = ConfigDict(
-        extra="forbid",
-        json_schema_extra={
-            "examples": [
-                {
-                    "name": "nightly",
-                    "cron": "0 2 * * *",
-                    "timezone": "Europe/Paris",
-                    "campaign": {"suite": "lin100-v1-quick"},
-                }
-            ]
-        },
-    )
-
-    name: Name
-    cron: Annotated[str, StringConstraints(min_length=1, max_length=200)] = Field(
-        description="minute hour day month weekday, as in 0 2 * * * (every night at two)"
-    )
-    timezone: Annotated[str, StringConstraints(min_length=1, max_length=64)] = Field(
-        "UTC", description="Name of an IANA time zone, in which the line is read."
-    )
-    catchup: Catchup = Field(
-        "latest", description="Ticks missed while the service was down: skip them, run the latest one, or all."
-    )
-    overlap: Overlap = Field(
-        "forbid", description="A tick while the campaign before still runs: forbid skips it, replace cancels that one."
-    )
-    enabled: bool = True
-    campaign: CampaignRequest
-
-    def values(self) -> dict[str, Any]:
-        """Columns of the schedule table."""
-        data = self.model_dump(exclude={"campaign"})
-        return {**data, "request": self.campaign.model_dump(mode="json", exclude_defaults=True)}
-
-
-class SchedulePatch(BaseModel):
-    """What is to be changed of a schedule; what is left out stays."""
-
-    model_config = ConfigDict(
-        extra="forbid", json_schema_extra={"examples": [{"enabled": False}, {"cron": "0 3 * * *", "timezone": "UTC"}]}
-    )
-
-    name: Name | None = None
-    cron: Annotated[str, StringConstraints(min_length=1, max_length=200)] | None = None
-    timezone: Annotated[str, StringConstraints(min_length=1, max_length=64)] | None = None
-    catchup: Catchup | None = None
-    overlap: Overlap | None = None
-    enabled: bool | None = None
-    campaign: CampaignRequest | None = None
-
-    def values(self) -> dict[str, Any]:
-        """Columns of the schedule table that change."""
-        data = self.model_dump(exclude={"campaign"}, exclude_none=True)
-        if self.campaign is not None:
-            data["request"] = self.campaign.model_dump(mode="json", exclude_defaults=True)
-        return data
-
-
-class ScheduleView(BaseModel):
-    """A schedule; next_run_at: null while it is disabled."""
-
-    id: str
-    name: str
-    cron: str
-    timezone: str
-    catchup: Catchup
-    overlap: Overlap
-    enabled: bool
-    campaign: dict[str, Any]
-    next_run_at: datetime | None
-    created_at: datetime
-    version: int
-
-    @classmethod
-    def of(cls, one: Schedule) -> Self:
-        names = ("id", "name", "cron", "timezone", "catchup", "overlap", "enabled", "version")
-        next_run_at = moment(one.next_run_at) if one.enabled else None
-        return cls(
-            **{name: getattr(one, name) for name in names},
-            campaign=one.request,
-            next_run_at=next_run_at,
-            created_at=moment(one.created_at),
-        )
-
-
-class ScheduleList(BaseModel):
-    items: list[ScheduleView]
-
-
-class ScheduleRunView(BaseModel):
-    """What became of one tick. campaign: the one that it started."""
-
-    scheduled_for: datetime
-    fired_at: datetime
-    outcome: Literal["started", "missed", "overlap", "failed"]
-    campaign: str | None
-    message: str | None
-
-    @classmethod
-    def of(cls, run: ScheduleRun) -> Self:
-        return cls(
-            scheduled_for=moment(run.scheduled_for),
-            fired_at=moment(run.fired_at),
-            outcome=run.outcome,
-            campaign=run.campaign_id,
-            message=run.message,
-        )
-
-
-class ScheduleRunList(BaseModel):
-    items: list[ScheduleRunView]
 
 
 class ComparisonRequest(BaseModel):
@@ -280,9 +185,15 @@ class ComparisonView(BaseModel):
     shared_cases: int | None
     comparisons: list[dict[str, Any]]
 
+    @classmethod
+    def of(cls, comparison: CampaignComparison) -> Self:
+        """The JSON of a comparison."""
+        names = ("campaigns", "controllers", "same_digests", "shared_cases")
+        return cls(**{name: getattr(comparison, name) for name in names}, comparisons=as_json(comparison.tests))
+
 
 class TrendPoint(BaseModel):
-    """One campaign of a suite and what became of it against those before."""
+    """One campaign of a suite and its marks against earlier ones."""
 
     campaign: str
     at: datetime
@@ -300,9 +211,26 @@ class TrendPoint(BaseModel):
     time_why: str
     regression: bool
 
+    @classmethod
+    def of(cls, run: TrendRun) -> Self:
+        """The JSON of one run."""
+        point, mark = run.point, run.judgement
+        marks = ("accuracy", "accuracy_why", "success", "success_why", "time", "time_why", "regression")
+        return cls(
+            campaign=run.campaign.id,
+            at=utc(point.at),
+            commit=point.commit,
+            machine=point.machine,
+            cases=len(point.rmse_mm),
+            successes=point.successes,
+            median_rmse_mm=point.median_rmse_mm if math.isfinite(point.median_rmse_mm) else None,
+            step_ms=point.step_ms,
+            **{name: getattr(mark, name) for name in marks},
+        )
+
 
 class TrendLoss(BaseModel):
-    """What got worse and has not been mended since. good_commit: of the run before it got worse."""
+    """What got worse and has not recovered since. good_commit: of the run before it got worse."""
 
     figure: str = Field(description="accuracy or success")
     campaign: str
@@ -318,6 +246,22 @@ class Trend(BaseModel):
     suite: str
     points: list[TrendPoint]
     losses: list[TrendLoss]
+
+    @classmethod
+    def of(cls, trend: SuiteTrend) -> Self:
+        """The JSON of a suite's history."""
+        losses = [
+            TrendLoss(
+                figure=loss.figure,
+                campaign=trend.runs[loss.since].campaign.id,
+                at=utc(trend.runs[loss.since].point.at),
+                commit=trend.runs[loss.since].point.commit,
+                good_commit=trend.runs[loss.since - 1].point.commit,
+                why=loss.why,
+            )
+            for loss in trend.losses
+        ]
+        return cls(suite=trend.suite, points=[TrendPoint.of(run) for run in trend.runs], losses=losses)
 
 
 class SuiteNames(BaseModel):

@@ -1,13 +1,14 @@
-"""The JSON of the HTTP surface. The scenario itself is described once, in simcore."""
+"""The JSON of jobs, their events and their results. The scenario itself is described once, in simcore."""
 
 from __future__ import annotations
 
-from datetime import UTC, datetime
+from datetime import datetime
 from typing import Annotated, Any, Literal, Self
 
 from pydantic import BaseModel, ConfigDict, Field, WithJsonSchema, field_validator
 
-from service.store.job import INSERTION, SUCCEEDED, TRAINING, Artefact, Event, Job
+from service.api.schemas.timestamps import utc
+from service.store.job import INSERTION, SUCCEEDED, TIME_LIMIT, TRAINING, Artefact, Event, Job, TimeLimit
 
 State = Literal["queued", "running", "succeeded", "failed", "cancelled", "timed_out"]
 
@@ -22,12 +23,9 @@ ScenarioInput = Annotated[
     ),
 ]
 
-TimeLimit = Annotated[float, Field(strict=True, ge=1, le=86400, allow_inf_nan=False)]
-TIME_LIMIT = "Most wall time of an attempt; null = an hour, or four times the estimate if that is longer."
-
 
 class JobRequest(BaseModel):
-    """A job to be done."""
+    """A job to be queued."""
 
     model_config = ConfigDict(
         extra="forbid",
@@ -52,7 +50,7 @@ class JobRequest(BaseModel):
 
 
 class Progress(BaseModel):
-    """Where a running job is. eta_s is null before the first step and when it does not run.
+    """How far a running job is. eta_s is null before the first step and while it does not run.
 
     tip_error_mm: of the tip from the target that its step was commanded for, as in rmse_mm.
     cross_track_mm: of the tip from the path; null where the tissue carries the path. insertion_force_n: along the
@@ -70,6 +68,7 @@ class Progress(BaseModel):
 
     @classmethod
     def of(cls, job: Job) -> Self:
+        """The progress of a job."""
         progress = cls(**{"steps": job.steps, **(job.progress or {})})
         if job.state == SUCCEEDED and progress.step == progress.steps:
             return progress.model_copy(update={"eta_s": 0.0})
@@ -84,7 +83,7 @@ class JobError(BaseModel):
 
 
 class Links(BaseModel):
-    """Where the rest of a job is; null while it is not there."""
+    """Addresses of everything else about a job; null while there is nothing."""
 
     self: str
     cancel: str
@@ -93,7 +92,7 @@ class Links(BaseModel):
     metrics: str | None
     series: str | None
     recording: str | None
-    model: str | None = Field(description="What a training has made.")
+    model: str | None = Field(description="The model that a training produced.")
     artefacts: str
 
 
@@ -104,21 +103,22 @@ class JobSummary(BaseModel):
     kind: Literal["insertion", "training"] = Field(description="What it does: simulate, or train a model.")
     name: str
     state: State
-    attempt: int = Field(description="How often it was started; 0 = not yet.")
+    attempt: int = Field(description="How many times it was started.")
     priority: int
     timeout_s: float
-    pinned: bool = Field(description="Kept whatever is cleared away.")
+    pinned: bool = Field(description="Kept when old jobs are removed.")
     progress: Progress
     metrics: dict[str, Any] | None
     error: JobError | None
     links: Links
-    key: str | None = Field(description="Id of the API key that submitted it; null where none was asked for.")
+    key: str | None = Field(description="Id of the API key that submitted it; null if none was required.")
     created_at: datetime
     started_at: datetime | None
     finished_at: datetime | None
 
     @classmethod
     def fields_of(cls, job: Job) -> dict[str, Any]:
+        """Its fields by name, for this class and those that extend it."""
         kind = job.error_kind
         return {
             "id": job.id,
@@ -134,25 +134,27 @@ class JobSummary(BaseModel):
             "error": None if kind is None else JobError(kind=kind, message=job.error or ""),
             "links": links_of(job),
             "key": job.owner,
-            "created_at": moment(job.created_at),
-            "started_at": moment(job.started_at),
-            "finished_at": moment(job.finished_at),
+            "created_at": utc(job.created_at),
+            "started_at": utc(job.started_at),
+            "finished_at": utc(job.finished_at),
         }
 
     @classmethod
     def of(cls, job: Job) -> Self:
+        """The JSON of a job in a list."""
         return cls(**cls.fields_of(job))
 
 
 class JobView(JobSummary):
-    """A job with everything. A run that did not succeed or converge is a result; `failed` is a crash."""
+    """A job with all of its data. A run that did not succeed or converge is a result; `failed` means a crash."""
 
     scenario: dict[str, Any] | None = Field(description="The fully resolved scenario; null for a training.")
-    training: dict[str, Any] | None = Field(description="What is trained on what; null for an insertion.")
+    training: dict[str, Any] | None = Field(description="The training; null for an insertion.")
     result: dict[str, Any] | None = Field(description="The content of result.json, once there is one.")
 
     @classmethod
     def of(cls, job: Job) -> Self:
+        """The JSON of a job."""
         spec = job.spec or {}
         return cls(
             **cls.fields_of(job), scenario=spec.get("scenario"), training=spec.get("training"), result=job.result
@@ -160,7 +162,7 @@ class JobView(JobSummary):
 
 
 class EventView(BaseModel):
-    """One entry of the log of a job. id: goes up over all jobs."""
+    """One entry of the log of a job. id: increases over all jobs."""
 
     id: int
     job: str
@@ -171,12 +173,13 @@ class EventView(BaseModel):
 
     @classmethod
     def of(cls, event: Event) -> Self:
-        at = datetime.fromtimestamp(event.at, UTC)
+        """The JSON of an event."""
+        at = utc(event.at)
         return cls(id=event.seq, job=event.job_id, kind=event.kind, attempt=event.attempt, at=at, data=event.data)
 
 
 class EventList(BaseModel):
-    """Events, oldest first, at most 1000; the next ones come with `after` = the id of the last."""
+    """Events, oldest first, at most 1000; for the next ones, `after` = the id of the last."""
 
     items: list[EventView]
 
@@ -199,7 +202,7 @@ class MetricsView(BaseModel):
 
 
 class ArtefactView(BaseModel):
-    """A file that a job left behind."""
+    """A file that a job wrote."""
 
     kind: str
     name: str
@@ -209,57 +212,19 @@ class ArtefactView(BaseModel):
 
     @classmethod
     def of(cls, job_id: str, artefact: Artefact) -> Self:
+        """The JSON of a file of a job."""
         url = f"/api/v1/jobs/{job_id}/artefacts/{artefact.name}"
         return cls(**{name: getattr(artefact, name) for name in ("kind", "name", "bytes", "sha256")}, url=url)
 
 
 class ArtefactList(BaseModel):
+    """The files of a job."""
+
     items: list[ArtefactView]
 
 
-class ScenarioInfo(BaseModel):
-    """A built-in scenario."""
-
-    name: str
-    description: str
-    scenario: dict[str, Any] = Field(description="Every field; null where other fields settle it.")
-
-
-class ScenarioList(BaseModel):
-    items: list[ScenarioInfo]
-
-
-class Version(BaseModel):
-    name: Literal["needlebench"] = "needlebench"
-    version: str
-    python: str
-    scenario_schema: str
-
-
-class FieldError(BaseModel):
-    field: str
-    value: Any
-    message: str
-
-
-class ProblemDetails(BaseModel):
-    """RFC 9457. `errors` is there when fields of the request are wrong."""
-
-    type: str = "about:blank"
-    title: str
-    status: int
-    detail: str
-    instance: str | None = None
-    errors: list[FieldError] | None = None
-
-
-def moment(seconds: float | None) -> datetime | None:
-    """UTC seconds since 1970 as a time."""
-    return None if seconds is None else datetime.fromtimestamp(seconds, UTC)
-
-
 def links_of(job: Job) -> Links:
-    """The addresses of a job, those that answer now."""
+    """The addresses of a job that answer now."""
     base = f"/api/v1/jobs/{job.id}"
     done = job.state == SUCCEEDED
     return Links(

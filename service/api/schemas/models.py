@@ -8,20 +8,22 @@ from typing import Any, Self
 from pydantic import BaseModel, Field
 
 from service.admission.training_request import ModelKind
-from service.api.schemas.jobs import JobSummary, moment
+from service.api.schemas.jobs import JobSummary
+from service.api.schemas.timestamps import utc
 from service.files.model_content import finite_axes
 from service.store.models import Model, Source
 
-LARGEST = 2**53  # of a whole number that every reader of JSON takes as it is
+LARGEST = 2**53  # integer that every reader of JSON keeps exact
+JOBS_SHOWN = 20
 
 
 class ModelView(BaseModel):
-    """A model in a list. What it says about its training is null where its file does not say so."""
+    """A model in a list. Facts about its training are null where its file does not give them."""
 
-    id: str = Field(description="Its kind for one that comes along, else that of its upload.")
-    reference: str = Field(description="What a scenario writes as controller.model to steer by it.")
-    source: Source = Field(description="It came along, was sent in, or was trained by a job.")
-    kind: ModelKind = Field(description="What a scenario writes as controller.kind to steer by it.")
+    id: str = Field(description="Its kind if it is bundled, else the id of its upload.")
+    reference: str = Field(description="The value of controller.model to steer by it.")
+    source: Source = Field(description="Whether it is bundled, was uploaded, or was trained by a job.")
+    kind: ModelKind = Field(description="The value of controller.kind to steer by it.")
     name: str
     nodes: int | None = Field(description="Of an elm.")
     seed: int | None
@@ -30,18 +32,19 @@ class ModelView(BaseModel):
     test_rows: int | None
     train_rmse_mm: list[float] | None = Field(description="Of Delta P along x, y, z, before the robot's limits.")
     test_rmse_mm: list[float] | None
-    data_sha256: str | None = Field(description="Of the data set that it learned from.")
-    tissue: dict[str, Any] | None = Field(description="That it was trained in.")
-    needle: dict[str, Any] | None = Field(description="That it was trained with.")
+    data_sha256: str | None = Field(description="Of the data set that it was trained on.")
+    tissue: dict[str, Any] | None = Field(description="The tissue that it was trained in.")
+    needle: dict[str, Any] | None = Field(description="The needle that it was trained with.")
     sha256: str
     bytes: int
-    pinned: bool = Field(description="Kept whatever is cleared away.")
-    job: str | None = Field(description="Id of the job that trained it, which may be deleted since.")
-    created_at: datetime | None = Field(description="Null for one that comes along.")
-    url: str = Field(description="Where its file is.")
+    pinned: bool = Field(description="Kept when old uploads are removed.")
+    job: str | None = Field(description="Id of the job that trained it, which may have been deleted since.")
+    created_at: datetime | None = Field(description="Null for a bundled one.")
+    url: str = Field(description="Address of its file.")
 
     @classmethod
     def fields_of(cls, model: Model) -> dict[str, Any]:
+        """Its fields by name, for this class and those that extend it."""
         origin = model.provenance
         trained_on = _as(dict, origin.get("trained_on")) or {}
         same = ("id", "reference", "source", "kind", "name", "sha256", "bytes", "pinned")
@@ -58,24 +61,27 @@ class ModelView(BaseModel):
             "tissue": _as(dict, trained_on.get("tissue")),
             "needle": _as(dict, trained_on.get("needle")),
             "job": model.job_id,
-            "created_at": moment(model.created_at),
+            "created_at": utc(model.created_at),
             "url": f"/api/v1/models/{model.id}/content",
         }
 
     @classmethod
     def of(cls, model: Model) -> Self:
+        """The JSON of a model in a list."""
         return cls(**cls.fields_of(model))
 
 
 class ModelDetail(ModelView):
-    """A model with all that its file says but its arrays, and the last jobs that steer by it."""
+    """A model with everything in its file but the arrays, and the last jobs that steer by it."""
 
-    settings: dict[str, Any] = Field(description="Of its regressor.")
-    provenance: dict[str, Any] = Field(description="Where it comes from, as its file says.")
-    used_by: list[JobSummary] = Field(description="The last 20 jobs that steer by it.")
+    settings: dict[str, Any] = Field(description="Settings of its regressor.")
+    provenance: dict[str, Any] = Field(description="Provenance, from its file.")
+    used_by: list[JobSummary] = Field(description=f"The last {JOBS_SHOWN} jobs that steer by it.")
 
 
 class ModelList(BaseModel):
+    """Models: trained and uploaded ones newest first, then the bundled ones."""
+
     items: list[ModelView]
 
 
@@ -90,11 +96,13 @@ class ControllerInfo(BaseModel):
 
 
 class ControllerList(BaseModel):
+    """The kinds of controllers."""
+
     items: list[ControllerInfo]
 
 
 def _as(kind: type, value: Any) -> Any:
-    """The value if it is of this type: a provenance may have been written by hand."""
+    """The value if it is of this type, else None: a provenance may have been written by hand."""
     if not isinstance(value, kind) or isinstance(value, bool):
         return None
     return None if isinstance(value, int) and abs(value) > LARGEST else value

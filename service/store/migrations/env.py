@@ -4,10 +4,8 @@ from __future__ import annotations
 
 from alembic import context
 
-from service.store import campaign_tables
-from service.store.tables import metadata
+from service.store.schema import metadata
 
-assert campaign_tables.campaign.metadata is metadata  # all tables are in it once their modules are imported
 context.configure(
     connection=context.config.attributes["connection"],
     target_metadata=metadata,

@@ -1,6 +1,6 @@
-// What all pages share: requests, errors in words, buttons that act, fields that are wrong.
+// What all pages share: requests, error messages, action buttons, marked fields.
 
-/** Send a request, of JSON or of a file; the answer as {ok, status, data}. A service that is away is an answer too. */
+/** Send a request with JSON or a file; returns {ok, status, data}, with status 0 if the service does not respond. */
 export async function send(url, { method = "POST", body, file, headers = {} } = {}) {
   const options = { method, headers: { Accept: "application/json", ...headers } };
   if (body !== undefined) {
@@ -18,21 +18,21 @@ export async function send(url, { method = "POST", body, file, headers = {} } = 
     try { data = text ? JSON.parse(text) : null; } catch { data = null; }
     return { ok: response.ok, status: response.status, data };
   } catch {
-    return { ok: false, status: 0, data: { detail: "The service does not answer. Is it still running?" } };
+    return { ok: false, status: 0, data: { detail: "The service does not respond. Is it still running?" } };
   }
 }
 
 /** What went wrong, as a sentence. */
-export function words(answer) {
-  const detail = answer.data?.detail || `The service answered ${answer.status}.`;
+export function errorText(answer) {
+  const detail = answer.data?.detail || `The service returned the status ${answer.status}.`;
   return detail.charAt(0).toUpperCase() + detail.slice(1);
 }
 
 /** Show what went wrong above the page. */
 export function refuse(answer) {
-  if (answer.status !== 401) return tell(words(answer), { kind: answer.status === 0 ? "bad away" : "bad" });
+  if (answer.status !== 401) return tell(errorText(answer), { kind: answer.status === 0 ? "bad away" : "bad" });
   tell("You are no longer logged in. ");
-  const link = { href: "/login", target: "_blank", textContent: "Log in in another window, then try again here" };
+  const link = { href: "/login", target: "_blank", textContent: "Log in in a new window, then try again here" };
   document.querySelector("#messages p").append(Object.assign(document.createElement("a"), link));
 }
 
@@ -55,7 +55,7 @@ export function quiet() {
   document.getElementById("messages").replaceChildren();
 }
 
-/** Mark the fields that an answer names, below `root`; what belongs to none is told above the page. */
+/** Mark the fields below `root` that an answer names; other errors are shown above the page. */
 export function mark(root, answer, attribute, prefix = "") {
   unmark(root);
   const errors = answer.data?.errors;
@@ -63,7 +63,7 @@ export function mark(root, answer, attribute, prefix = "") {
   const rest = [];
   let first = null;
   for (const { field, message } of errors) {
-    const holder = placed(root, attribute, field, prefix);
+    const holder = findField(root, attribute, field, prefix);
     if (!holder) { rest.push(field ? `${field}: ${message}` : message); continue; }
     const note = document.createElement("span");
     note.className = "problem";
@@ -81,19 +81,19 @@ export function mark(root, answer, attribute, prefix = "") {
   }
   const count = errors.length === 1 ? "One field needs" : `${errors.length} fields need`;
   const all = errors.map(({ field, message }) => (field ? `${field}: ${message}` : message));
-  tell(first ? `${count} another value.` : words(answer), { items: first ? all : rest.length > 1 ? rest : [] });
+  tell(first ? `${count} another value.` : errorText(answer), { items: first ? all : rest.length > 1 ? rest : [] });
   first?.focus({ preventScroll: true });
   first?.scrollIntoView({ block: "center" });
 }
 
 /** The field of this name, else the one that holds it: trajectory.entry_mm for trajectory.entry_mm[0]. */
-function placed(root, attribute, field, prefix) {
+function findField(root, attribute, field, prefix) {
   const visible = (one) => !one.disabled && !one.closest("[hidden], :disabled");
   let name = field.replace(/\[\d+\]/g, "");
   for (;;) {
     for (const wanted of [name, prefix + name]) {
-      const found = [...root.querySelectorAll(`[${attribute}="${CSS.escape(wanted)}"]`)].find(visible);
-      if (found) return found;
+      const holder = [...root.querySelectorAll(`[${attribute}="${CSS.escape(wanted)}"]`)].find(visible);
+      if (holder) return holder;
     }
     if (!name.includes(".")) return null;
     name = name.slice(0, name.lastIndexOf("."));
@@ -109,8 +109,8 @@ export function unmark(root) {
   }
 }
 
-/** Ask before what cannot be undone. */
-function sure(text) {
+/** Ask before an action that cannot be undone. */
+function confirmed(text) {
   const dialog = document.getElementById("confirm");
   dialog.querySelector("p").textContent = text;
   dialog.returnValue = "";
@@ -122,7 +122,7 @@ document.addEventListener("click", async (event) => {
   const button = event.target.closest("button[data-action]");
   if (!button || button.getAttribute("aria-busy") === "true") return;
   const { action, method, confirm, goto, body, match } = button.dataset;
-  if (confirm && !(await sure(confirm))) return;
+  if (confirm && !(await confirmed(confirm))) return;
   button.setAttribute("aria-busy", "true");
   const answer = await send(action, { method, body: body && JSON.parse(body), headers: match ? { "If-Match": match } : {} });
   button.removeAttribute("aria-busy");

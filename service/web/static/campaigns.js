@@ -1,4 +1,4 @@
-// The list of campaigns, and the form of a new one: a dry run first, then the start.
+// The list of campaigns, and the form of a new one: a dry run first, then start.
 import { unmark } from "./app.js";
 import { refresh, span } from "./live.js";
 import { campaignFields, campaignOf, post } from "./request.js";
@@ -6,7 +6,7 @@ import { campaignFields, campaignOf, post } from "./request.js";
 const form = document.getElementById("campaign");
 const start = document.getElementById("start");
 const plan = document.getElementById("plan");
-let checked = null; // the request of the dry run
+let checked = null; // the request of the last dry run
 
 campaignFields(form);
 
@@ -15,14 +15,14 @@ form.addEventListener("submit", async (event) => {
   event.preventDefault();
   unmark(form);
   const request = campaignOf(form);
-  const found = await post(form, "/api/v1/campaigns?dry_run=1", request);
+  const estimate = await post(form, "/api/v1/campaigns?dry_run=1", request);
   plan.replaceChildren();
-  if (!found) return;
+  if (!estimate) return;
   checked = request;
   start.disabled = false;
-  start.textContent = `Start ${found.jobs} ${found.jobs === 1 ? "job" : "jobs"}`;
-  const jobs = found.jobs === 1 ? "1 job" : `${found.jobs.toLocaleString("en")} jobs`;
-  const text = `${found.name}: ${jobs}, ${found.steps.toLocaleString("en")} steps, about ${span(found.seconds)} when nothing else runs. First cases: ${found.first.slice(0, 5).join(", ")}.`;
+  start.textContent = `Start ${estimate.jobs} ${estimate.jobs === 1 ? "job" : "jobs"}`;
+  const jobs = estimate.jobs === 1 ? "1 job" : `${estimate.jobs.toLocaleString("en")} jobs`;
+  const text = `${estimate.name}: ${jobs}, ${estimate.steps.toLocaleString("en")} steps, about ${span(estimate.seconds)} if nothing else runs. First cases: ${estimate.first.slice(0, 5).join(", ")}.`;
   plan.append(Object.assign(document.createElement("p"), { className: "notice good", textContent: text }));
   start.focus();
   plan.scrollIntoView({ block: "nearest" });
@@ -30,8 +30,8 @@ form.addEventListener("submit", async (event) => {
 start.addEventListener("click", async () => {
   if (!checked) return;
   start.disabled = true;
-  const made = await post(form, "/api/v1/campaigns", checked);
-  if (made) location.assign(`/campaigns/${made.id}`);
+  const campaign = await post(form, "/api/v1/campaigns", checked);
+  if (campaign) location.assign(`/campaigns/${campaign.id}`);
 });
 
 setInterval(() => { if (document.querySelector("#campaigns .state.running")) refresh(); }, 3000);

@@ -4,10 +4,10 @@ const SVG = "http://www.w3.org/2000/svg";
 const NEEDLE_MM = 24; // how much of the needle is drawn in front of the entry
 
 function node(name, attributes, text) {
-  const made = document.createElementNS(SVG, name);
-  for (const [key, value] of Object.entries(attributes)) made.setAttribute(key, value);
-  if (text) made.textContent = text;
-  return made;
+  const element = document.createElementNS(SVG, name);
+  for (const [key, value] of Object.entries(attributes)) element.setAttribute(key, value);
+  if (text) element.textContent = text;
+  return element;
 }
 
 /** Points of the path, mm: the line from entry to target with its sine across it. */

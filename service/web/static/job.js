@@ -1,4 +1,4 @@
-// One job: its progress as it is told, its plots, its recording in the viewer.
+// One job: its progress as it arrives, its plots, its recording in the viewer.
 import { refuse, send } from "./app.js";
 import { figure, follow, millimetres, newtons, refresh, span } from "./live.js";
 import { draw } from "./plots.js";
@@ -10,12 +10,12 @@ const NAMES = ["depth", "error", "lateral", "force"];
 let source = null;
 let series = null;
 let attempt = null;
-let told = 0;
+let spokenAt = 0;
 
 function progress(data) {
   if (attempt !== null && data.attempt !== attempt) {
     forget();
-    if (document.querySelector("iframe.viewer")) watch(); // the recording of the attempt before has ended
+    if (document.querySelector("iframe.viewer")) watch(); // the recording of the previous attempt has ended
   }
   attempt = data.attempt;
   const part = (name) => job().querySelector(`[data-${name}]`);
@@ -27,18 +27,18 @@ function progress(data) {
   put("eta", span(data.eta_s));
   const bar = job().querySelector("progress");
   if (bar) bar.value = data.fraction;
-  if (Date.now() - told > 10_000) { // often enough to hear, seldom enough to listen to something else
-    told = Date.now();
+  if (Date.now() - spokenAt > 10_000) { // for screen readers: often enough to follow, rarely enough not to interrupt
+    spokenAt = Date.now();
     const left = data.eta_s ? `, about ${span(data.eta_s)} left` : "";
-    document.getElementById("told").textContent = `Step ${data.step} of ${data.steps}${left}`;
+    document.getElementById("spoken-progress").textContent = `Step ${data.step} of ${data.steps}${left}`;
   }
   if (typeof data.depth_mm !== "number" || typeof data.tip_error_mm !== "number") return;
-  walk([data.depth_mm, data.tip_error_mm, data.cross_track_mm ?? null, data.insertion_force_n ?? null]);
+  addPoint([data.depth_mm, data.tip_error_mm, data.cross_track_mm ?? null, data.insertion_force_n ?? null]);
   drawLive();
 }
 
-/** One more point of the way; a plot over depth needs an axis that does not fall. */
-function walk(point) {
+/** Add a point to the live plots; a plot over depth needs an axis that does not fall. */
+function addPoint(point) {
   if (point[0] < path.depth.at(-1)) return;
   NAMES.forEach((name, i) => path[name].push(point[i]));
 }
@@ -47,11 +47,11 @@ function forget() {
   for (const values of Object.values(path)) values.length = 0;
 }
 
-/** The way before this page was opened. */
+/** The points from before this page was opened. */
 function begin() {
   const { course } = document.getElementById("plots").dataset;
   attempt = Number(job().dataset.attempt) || null;
-  for (const point of JSON.parse(course)) walk(point);
+  for (const point of JSON.parse(course)) addPoint(point);
   if (path.depth.length) drawLive();
 }
 
@@ -67,7 +67,7 @@ function drawLive() {
     x,
     series: [
       { label: "tip error", unit: "mm", digits: 3, stroke: "--plot-1", points },
-      { label: "across the path", unit: "mm", digits: 3, stroke: "--plot-3", points },
+      { label: "distance from the path", unit: "mm", digits: 3, stroke: "--plot-3", points },
     ],
     sentence: `Tip error over depth: ${figure(path.error.at(-1), 3)} mm now, ${figure(worst, 3)} mm at most.`,
     caption: `So far ${figure(worst, 3)} mm at most.`,
@@ -99,7 +99,7 @@ async function loadSeries() {
   drawSeries();
 }
 
-const NOTES = { error: ", tip to the target that its step was commanded for", force: "" };
+const NOTES = { error: ", from the tip to the target of its step", force: "" };
 
 function drawSeries() {
   const depth = document.getElementById("over-depth").checked;
@@ -122,14 +122,14 @@ function drawSeries() {
 
 /** Steps that go deeper than all before them: a plot over depth needs an axis that rises. */
 function deepening(depths) {
-  const found = [];
+  const indices = [];
   let deepest = -Infinity;
-  depths.forEach((depth, i) => { if (depth > deepest) { deepest = depth; found.push(i); } });
-  return found;
+  depths.forEach((depth, i) => { if (depth > deepest) { deepest = depth; indices.push(i); } });
+  return indices;
 }
 
 function settle() {
-  const { state, terminal, plotted, unasked, recorded } = job().dataset;
+  const { state, terminal, plotted, plotAtOnce, recorded } = job().dataset;
   if (terminal === "true") document.getElementById("plots").hidden = plotted !== "true";
   if (state === "queued") { forget(); document.getElementById("plots").hidden = true; }
   if (terminal !== "true" && !source) listen();
@@ -138,16 +138,16 @@ function settle() {
   if (opener && terminal === "true" && !document.querySelector("iframe.viewer")) opener.textContent = "Open recording";
   const recording = document.getElementById("recording");
   if (recording) recording.hidden = recorded !== "true";
-  if (terminal !== "true") series = null; // another attempt will bring its own
+  if (terminal !== "true") series = null; // another attempt will have its own
   if (plotted !== "true" || series) return;
-  if (unasked === "true") loadSeries();
+  if (plotAtOnce === "true") loadSeries();
   else { document.getElementById("axis").hidden = false; document.getElementById("draw").hidden = false; }
 }
 
 function listen() {
   source = follow(`/api/v1/jobs/${id}/events?after=${job().dataset.event}`, (kind, data) => {
     if (kind === "progress") return progress(data);
-    document.getElementById("told").textContent = `The job: ${kind.replace("_", " ")}`;
+    document.getElementById("spoken-progress").textContent = `The job: ${kind.replace("_", " ")}`;
     refresh();
   });
 }
@@ -170,7 +170,7 @@ function watch() {
   frame.allow = "fullscreen";
   frame.src = viewerUrl();
   document.getElementById("viewer").replaceChildren(frame);
-  document.getElementById("open-recording").textContent = "Load again";
+  document.getElementById("open-recording").textContent = "Reload";
 }
 
 document.getElementById("alone")?.addEventListener("click", ({ target }) => { target.href = viewerUrl(); });

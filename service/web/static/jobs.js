@@ -1,5 +1,5 @@
-// The list of jobs: progress as it is told, the list anew when a job changes its state.
-import { send, words } from "./app.js";
+// The list of jobs: progress as it arrives, the list again when a job changes state.
+import { errorText, send } from "./app.js";
 import { follow, millimetres, refresh, span } from "./live.js";
 
 follow("/api/v1/events", (kind, data) => {
@@ -12,16 +12,16 @@ follow("/api/v1/events", (kind, data) => {
   row.querySelector("[data-depth]").textContent = millimetres(data.depth_mm, 1);
   row.querySelector("[data-error]").textContent = millimetres(data.tip_error_mm, 3);
   if (document.querySelector("#campaigns table")) refresh();
-}, refresh); // when the stream begins: what happened after the page was made
+}, refresh); // when the stream begins: for changes since the page was rendered
 
-let known = ""; // what was told of its readiness
+let known = ""; // the readiness texts that are shown
 
-/** What an operator should know: a disk that runs short, workers that do not start. */
+/** What an operator should know: a disk that is nearly full, workers that do not start. */
 async function readiness() {
   const answer = await send("/readyz", { method: "GET" });
-  if (answer.status === 0) return; // the stream tells that
-  const texts = answer.ok ? [...(answer.data.warnings ?? []), answer.data.problem].filter(Boolean) : [words(answer)];
-  if (texts.join() === known) return; // else it would be read out again and again
+  if (answer.status === 0) return; // the stream shows that
+  const texts = answer.ok ? [...(answer.data.warnings ?? []), answer.data.problem].filter(Boolean) : [errorText(answer)];
+  if (texts.join() === known) return; // else screen readers would repeat it
   known = texts.join();
   document.getElementById("readiness").replaceChildren(...texts.map((text) => {
     const note = Object.assign(document.createElement("div"), { className: answer.ok ? "notice" : "notice bad" });
@@ -30,7 +30,7 @@ async function readiness() {
   }));
 }
 
-let since = 0; // seconds since it was asked last: often while something is the matter
+let since = 0; // seconds since the last check: frequent while there is a problem
 setInterval(() => {
   since += 3;
   if (document.hidden || (since < 60 && !document.querySelector("#readiness .notice"))) return;

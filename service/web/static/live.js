@@ -1,26 +1,26 @@
-// Keeps a page current: events of the service, and parts of the page that are read anew when something changed.
+// Keeps a page current: events of the service, and parts of the page that are reloaded when something changed.
 
-const PAUSE_MS = 1200; // between two readings of the page
+const PAUSE_MS = 1200; // between two reloads of the page
 let reading = false;
 let due = false;
 let last = 0;
-const read = new Map(); // id of a part -> its HTML as it was read last
+const read = new Map(); // id of a part -> its HTML as last read
 
 const KINDS = ["queued", "started", "progress", "requeued", "crashed", "cancel_requested", "succeeded", "failed",
   "cancelled", "timed_out", "pinned", "unpinned", "deleted"];
-const AGAIN_MS = 5000; // before a stream that was refused is asked for again
-const AWAY_MS = 2500; // without an answer before that is said
+const AGAIN_MS = 5000; // before a refused stream is requested again
+const AWAY_MS = 2500; // without a response before that is shown
 let silence = null;
 
-/** Follow a stream of events; `heard` gets (kind, data), `opened` is told of each beginning. Until close(), through restarts. */
-export function follow(url, heard, opened = () => {}) {
+/** Follow a stream of events until close(), through restarts. `received` gets (kind, data); `opened` is called at each connection. */
+export function follow(url, received, opened = () => {}) {
   const pulse = document.getElementById("pulse");
   let source = null;
   let over = false;
   const begin = () => {
     if (over) return;
     source = new EventSource(url);
-    for (const kind of KINDS) source.addEventListener(kind, (event) => heard(kind, JSON.parse(event.data)));
+    for (const kind of KINDS) source.addEventListener(kind, (event) => received(kind, JSON.parse(event.data)));
     source.onopen = () => {
       pulse.hidden = false;
       pulse.classList.add("on");
@@ -43,7 +43,7 @@ export function follow(url, heard, opened = () => {}) {
   return { close };
 }
 
-/** Whether the service answers. A silence is told, what was told because of it goes when it is back. */
+/** Show whether the service responds; the notice disappears when it is back. */
 function answers(yes) {
   const note = document.getElementById("away");
   if (!yes) {
@@ -53,10 +53,10 @@ function answers(yes) {
   clearTimeout(silence);
   silence = null;
   note.hidden = true;
-  for (const told of document.querySelectorAll("#messages .away")) told.remove();
+  for (const notice of document.querySelectorAll("#messages .away")) notice.remove();
 }
 
-/** A stream may end for other reasons than a service that is away: ask. */
+/** A stream may end for other reasons than a service that is down: check. */
 async function doubt() {
   const mine = silence;
   const alive = await fetch("/healthz", { cache: "no-store" }).then(() => true, () => false);
@@ -65,7 +65,7 @@ async function doubt() {
   document.getElementById("away").hidden = alive;
 }
 
-/** Read the page anew soon and put in the parts marked data-live that differ; `changed` is told of it afterwards. */
+/** Reload the page soon and replace the parts marked data-live that differ; then the event `refreshed` is sent. */
 export async function refresh() {
   due = true;
   if (reading || document.hidden) return;
@@ -126,7 +126,7 @@ export function millimetres(value, digits) {
   return typeof value === "number" ? `${figure(value, digits)} mm` : "–";
 }
 
-/** With so many digits behind the point, two at least that count. */
+/** With so many decimals, and at least two significant digits. */
 export function figure(value, digits) {
   const small = value !== 0 && digits > 1 && Math.abs(value) < 10 ** (1 - digits);
   return small ? String(Number(value.toPrecision(2))) : value.toFixed(digits);

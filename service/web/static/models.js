@@ -1,5 +1,5 @@
-// Models: the form of a training, and files that are sent in.
-import { mark, quiet, send, tell, unmark, words } from "./app.js";
+// Models: the form of a training, and uploads.
+import { errorText, mark, quiet, send, tell, unmark } from "./app.js";
 import { follow, refresh } from "./live.js";
 
 const form = document.getElementById("train");
@@ -10,7 +10,7 @@ function settle() {
   for (const one of form.querySelectorAll("[data-kinds]")) one.hidden = !one.dataset.kinds.split(" ").includes(field("kind").value);
 }
 
-/** A typed value, undefined for nothing. What is no number goes as it stands: the service says what is wrong. */
+/** A typed value, undefined if empty. Text that is not a number is sent as it is: the service reports the error. */
 function value(control) {
   const text = control.value.trim();
   if (control.validity.badInput) return "not a number";
@@ -29,7 +29,7 @@ async function sendFile(input, kind) {
   input.disabled = false;
   input.value = "";
   if (answer.ok) return answer.data;
-  tell(words(answer));
+  tell(errorText(answer));
   return null;
 }
 
@@ -41,7 +41,7 @@ document.getElementById("file").addEventListener("change", async ({ target }) =>
     choice.append(new Option(`${sent.name}: ${sent.content.drawn} rows, ${sent.content.insertions} insertions`, sent.reference));
   }
   choice.value = sent.reference;
-  tell(`${sent.name} is there: ${sent.content.drawn} rows of ${sent.content.insertions} insertions.`, { kind: "good" });
+  tell(`${sent.name} is uploaded: ${sent.content.drawn} rows of ${sent.content.insertions} insertions.`, { kind: "good" });
 });
 
 document.getElementById("model-file").addEventListener("change", async ({ target }) => {
@@ -56,8 +56,8 @@ form.addEventListener("submit", async (event) => {
   const body = { data: field("data").value, kind: field("kind").value, split: field("split").value };
   for (const control of form.querySelectorAll("input[data-field]")) {
     if (control.closest("[hidden]")) continue;
-    const found = value(control);
-    if (found !== undefined) body[control.dataset.field] = found;
+    const entered = value(control);
+    if (entered !== undefined) body[control.dataset.field] = entered;
   }
   const answer = await send("/api/v1/models/train", { body });
   if (answer.ok) location.assign(`/jobs/${answer.data.id}`);

@@ -1,7 +1,7 @@
 // The fields of a campaign, in the form of a campaign and in that of a schedule.
 import { mark, quiet, send } from "./app.js";
 
-/** Make the switch between suite and grid work, and the axes. prefix: what stands before the names of the fields. */
+/** Make the switch between suite and grid work, and the axes. */
 export function campaignFields(form) {
   const axes = form.querySelector("#axes");
   const choose = () => {
@@ -20,7 +20,7 @@ function addAxis(axes) {
   const name = input(`Field of axis ${number}`, "tissue.young_kpa");
   name.setAttribute("list", "scenario-fields");
   name.dataset.axis = "";
-  const values = input(`Values of axis ${number}, by commas`, "3, 6.3, 12");
+  const values = input(`Values of axis ${number}, separated by commas`, "3, 6.3, 12");
   const drop = Object.assign(document.createElement("button"), { type: "button", className: "slim", textContent: "Remove" });
   drop.setAttribute("aria-label", `Remove axis ${number}`);
   drop.addEventListener("click", () => row.remove());
@@ -30,12 +30,12 @@ function addAxis(axes) {
 }
 
 function input(label, placeholder) {
-  const made = Object.assign(document.createElement("input"), { placeholder, autocomplete: "off" });
-  made.setAttribute("aria-label", label);
-  return made;
+  const element = Object.assign(document.createElement("input"), { placeholder, autocomplete: "off" });
+  element.setAttribute("aria-label", label);
+  return element;
 }
 
-/** The request of a campaign that the form says. */
+/** The request of a campaign from the form. */
 export function campaignOf(form, prefix = "") {
   const field = (name) => form.querySelector(`[data-field="${prefix}${name}"]`);
   const request = {};
@@ -52,15 +52,15 @@ export function campaignOf(form, prefix = "") {
   return request;
 }
 
-/** "3, 6.3, sine" -> [3, 6.3, "sine"]; a JSON list is taken as it is. */
+/** "3, 6.3, sine" -> [3, 6.3, "sine"]; a JSON list is kept as it is. */
 function list(text) {
-  try { const found = JSON.parse(text); if (Array.isArray(found)) return found; } catch { /* not JSON: by commas */ }
+  try { const parsed = JSON.parse(text); if (Array.isArray(parsed)) return parsed; } catch { /* not JSON: separated by commas */ }
   return text.split(",").map((one) => one.trim()).filter(Boolean).map((one) => {
     try { return JSON.parse(one); } catch { return one; }
   });
 }
 
-/** Send a form's request; its wrong fields are marked. The answer's data, or null. */
+/** Send a form's request and mark the wrong fields. Returns the answer's data, or null. */
 export async function post(form, url, body, prefix = "") {
   quiet();
   const answer = await send(url, { body });

@@ -1,4 +1,4 @@
-// The form of a scenario: what was changed becomes JSON; a drawing and an estimate follow it.
+// The form of a scenario: changed fields become JSON; a drawing and an estimate follow.
 import { mark, quiet, send, unmark } from "./app.js";
 import { curve, drawing, length } from "./draw.js";
 import { span } from "./live.js";
@@ -13,34 +13,34 @@ const inputs = (field) => [...field.querySelectorAll("input, select, textarea")]
 const same = (a, b) => JSON.stringify(a) === JSON.stringify(b);
 const sorted = (list) => [...(list ?? [])].sort();
 
-/** What a field says now; undefined where it is as it was. */
+/** The value of a field; undefined if it is the default. */
 function value(field) {
   const { entry } = field.dataset;
   const standard = JSON.parse(field.dataset.default);
   const parts = inputs(field);
   const text = parts[0].value.trim();
-  let found;
+  let entered;
   const number = (one) => (one.validity.badInput ? "not a number" : Number(one.value));
   const empty = (one) => one.value.trim() === "" && !one.validity.badInput;
-  if (entry === "number" || entry === "integer") found = empty(parts[0]) ? undefined : number(parts[0]);
-  else if (entry === "switch") found = parts[0].checked;
-  else if (entry === "choices") found = parts.filter((one) => one.checked).map((one) => one.value);
-  else if (entry === "list") found = text === "" ? undefined : text.split(",").map((one) => one.trim()).filter(Boolean);
+  if (entry === "number" || entry === "integer") entered = empty(parts[0]) ? undefined : number(parts[0]);
+  else if (entry === "switch") entered = parts[0].checked;
+  else if (entry === "choices") entered = parts.filter((one) => one.checked).map((one) => one.value);
+  else if (entry === "list") entered = text === "" ? undefined : text.split(",").map((one) => one.trim()).filter(Boolean);
   else if (entry === "vector") {
-    found = parts.every(empty) ? undefined : parts.map((one, i) => (empty(one) ? standard[i] : number(one)));
+    entered = parts.every(empty) ? undefined : parts.map((one, i) => (empty(one) ? standard[i] : number(one)));
   } else if (entry === "json") {
-    if (text !== "") try { found = JSON.parse(text); } catch { found = text; }
-  } else found = text === "" ? undefined : text;
-  if (found === undefined) return undefined;
-  return same(found, standard) || (entry === "choices" && same(sorted(found), sorted(standard))) ? undefined : found;
+    if (text !== "") try { entered = JSON.parse(text); } catch { entered = text; }
+  } else entered = text === "" ? undefined : text;
+  if (entered === undefined) return undefined;
+  return same(entered, standard) || (entry === "choices" && same(sorted(entered), sorted(standard))) ? undefined : entered;
 }
 
 /** Put a value into a field; null and undefined empty it. */
-function put(field, found) {
+function put(field, entered) {
   const { entry } = field.dataset;
   const standard = JSON.parse(field.dataset.default);
   const parts = inputs(field);
-  const chosen = found ?? standard;
+  const chosen = entered ?? standard;
   const asStandard = same(chosen, standard);
   if (entry === "switch") parts[0].checked = chosen;
   else if (entry === "choices") for (const one of parts) one.checked = chosen.includes(one.value);
@@ -57,14 +57,14 @@ function fill(data) {
   unmark(form);
   for (const field of fields) {
     if (field.dataset.path.startsWith("@")) continue;
-    let found = at(data, field.dataset.path);
-    if (!["kind", "json"].includes(field.dataset.entry) && found !== null && typeof found === "object" && !Array.isArray(found)) found = undefined;
-    put(field, found);
+    let entered = at(data, field.dataset.path);
+    if (!["kind", "json"].includes(field.dataset.entry) && entered !== null && typeof entered === "object" && !Array.isArray(entered)) entered = undefined;
+    put(field, entered);
   }
   update();
 }
 
-/** Fields of other kinds of a block are out: hidden, and never sent. */
+/** Fields of other kinds of a block are hidden and never sent. */
 function settle() {
   for (const part of form.querySelectorAll("[data-kinds]")) {
     const block = (part.dataset.path ?? part.dataset.group).split(".").slice(0, -1).join(".");
@@ -79,16 +79,16 @@ function body() {
   const scenario = {};
   const rest = {};
   for (const field of fields) {
-    const found = counts(field) ? value(field) : undefined;
+    const entered = counts(field) ? value(field) : undefined;
     const { path } = field.dataset;
-    field.classList.toggle("changed", found !== undefined);
-    if (found === undefined) continue;
-    if (path.startsWith("@")) { rest[path.slice(1)] = found; continue; }
+    field.classList.toggle("changed", entered !== undefined);
+    if (entered === undefined) continue;
+    if (path.startsWith("@")) { rest[path.slice(1)] = entered; continue; }
     const names = path.split(".");
     const last = names.pop();
     let here = scenario;
     for (const name of names) here = here[name] ??= {};
-    here[last] = found;
+    here[last] = entered;
   }
   for (const path of Object.keys(scenario)) needKind(scenario, path, path);
   return { scenario, ...rest };
@@ -103,7 +103,7 @@ function needKind(holder, name, path) {
   for (const inner of Object.keys(block)) needKind(holder[name], inner, `${path}.${inner}`);
 }
 
-/** What counts for a field: typed, else the default. */
+/** The effective value of a field: typed, else the default. */
 function now(path) {
   const field = fields.find((one) => one.dataset.path === path && counts(one));
   return field && (value(field) ?? JSON.parse(field.dataset.default));
@@ -113,7 +113,7 @@ function update() {
   settle();
   const data = body();
   const text = JSON.stringify(data, null, 2).replace(/\[[^[\]{}]*\]/g, (list) => list.replace(/\s+/g, " "));
-  document.getElementById("json").textContent = text.length > MOST_SHOWN ? `${text.slice(0, MOST_SHOWN)}\n… ${text.length} characters in all` : text;
+  document.getElementById("json").textContent = text.length > MOST_SHOWN ? `${text.slice(0, MOST_SHOWN)}\n… ${text.length} characters in total` : text;
   for (const group of form.querySelectorAll("details[data-group]")) {
     const count = [...group.querySelectorAll(".changed")].filter(counts).length;
     group.querySelector("[data-count]").textContent = count ? `${count} set` : "";
@@ -132,7 +132,7 @@ function picture() {
   const poses = now("controller.poses");
   const steps = Array.isArray(poses) ? poses.length : Math.ceil(length(points) / (now("trajectory.speed_mm_s") * now("dt_s")) - 1e-9);
   const cells = size.map((v) => Math.max(1, Math.round(v / now("tissue.element_size_mm")))).reduce((a, b) => a * b, 1);
-  const pace = form.dataset.measured === "true" ? "at the pace of the last jobs" : "at a usual pace";
+  const pace = form.dataset.measured === "true" ? "at the pace of recent jobs" : "at a typical pace";
   const mesh = now("tissue.mesh_file") ? "a mesh from a file" : `${cells.toLocaleString("en")} cells`;
   document.getElementById("estimate").textContent = Number.isFinite(steps) ? `${length(points).toFixed(1)} mm, ${steps.toLocaleString("en")} steps, ${mesh}; about ${span(steps * Number(form.dataset.step))} ${pace}.` : "";
 }

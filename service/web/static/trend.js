@@ -1,4 +1,4 @@
-// The history of a suite as plots over its dates; what got worse has a mark of its own and stands in the table too.
+// The history of a suite as plots over its dates; regressions are marked, as in the table.
 import { draw } from "./plots.js";
 
 const points = JSON.parse(document.getElementById("trend").dataset.points);
@@ -8,7 +8,7 @@ function plot(id, { title, unit, digits, values, bad, range }) {
   const known = values.filter((value) => value !== null);
   const worse = values.map((value, i) => (bad(points[i]) ? value : null));
   const count = worse.filter((value) => value !== null).length;
-  const told = count === 0 ? "no run is marked as worse" : count === 1 ? "1 run is marked as worse" : `${count} runs are marked as worse`;
+  const marked = count === 0 ? "no run is marked as worse" : count === 1 ? "1 run is marked as worse" : `${count} runs are marked as worse`;
   draw(document.getElementById(`plot-${id}`), {
     data: [at, values, worse],
     x: { label: "date, UTC", unit: "", time: true, notes: points.map((point) => (point.commit ?? "").slice(0, 10)) },
@@ -17,7 +17,7 @@ function plot(id, { title, unit, digits, values, bad, range }) {
       { label: "got worse", unit, digits, stroke: "--bad", points: 13, width: 0 },
     ],
     range,
-    sentence: known.length ? `${title}: ${known[0].toFixed(digits)} ${unit} at first, ${known.at(-1).toFixed(digits)} ${unit} now; ${told}.` : `${title}: nothing was measured.`,
+    sentence: known.length ? `${title}: ${known[0].toFixed(digits)} ${unit} first, ${known.at(-1).toFixed(digits)} ${unit} now; ${marked}.` : `${title}: nothing was measured.`,
   });
 }
 

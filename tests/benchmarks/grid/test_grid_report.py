@@ -15,7 +15,7 @@ from benchmarks.grid.suite import grid
 from tests.benchmarks.paper.synthetic import outcome
 from tests.benchmarks.paper.test_paper_report import Page
 
-AXES = {
+AXES: dict[str, list[Any]] = {
     "controller.kind": ["ifem", "open_loop"],
     "tissue.young_kpa": [3.0, 5.0, 8.0],
     "trajectory.target_mm": [[18, 31, 100], [20, 31, 100]],

@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 from benchmarks.cases import Case
-from benchmarks.learning.training import trained
-from benchmarks.learning.training_insertions import Insertion, cases, dataset, grid_mm
+from benchmarks.learning.training import train_model
+from benchmarks.learning.training_insertions import Insertion, collect_dataset, grid_mm, training_insertions
 from simcore.learning import LinearModel, NearestNeighbours, parse_model
 from simcore.learning.regressor import DataError
 from simcore.rollout.dataset import VARIABLES, Dataset, DatasetError
@@ -27,7 +27,7 @@ def fake(these: Sequence[Case]) -> Iterator[Insertion]:
 
 
 def made(insertions: int = 12) -> Dataset:
-    return dataset(cases(insertions=insertions, seed=2), fake, samples=100, seed=2)
+    return collect_dataset(training_insertions(insertions=insertions, seed=2), fake, samples=100, seed=2)
 
 
 def test_the_grid_is_the_papers() -> None:
@@ -42,7 +42,7 @@ def test_the_grid_is_the_papers() -> None:
 
 
 def test_each_insertion_is_an_ifem_run_with_noise_of_its_own() -> None:
-    all_of_them = cases(insertions=105, seed=3)
+    all_of_them = training_insertions(insertions=105, seed=3)
     assert len({case.id for case in all_of_them}) == 105
     assert sorted(case.scenario["seed"] for case in all_of_them) == list(range(3000, 3105))
     for case, end in zip(all_of_them, grid_mm(), strict=True):
@@ -54,16 +54,16 @@ def test_each_insertion_is_an_ifem_run_with_noise_of_its_own() -> None:
 
 
 def test_a_subset_is_spread_over_the_grid_and_a_change_reaches_all() -> None:
-    few = cases(insertions=4, seed=0, changes={"dt_s": 0.05, "trajectory": {"speed_mm_s": 20.0}})
+    few = training_insertions(insertions=4, seed=0, changes={"dt_s": 0.05, "trajectory": {"speed_mm_s": 20.0}})
     assert [case.labels["end_point"] for case in few] == [0, 35, 69, 104]
     assert {case.scenario["dt_s"] for case in few} == {0.05}
     assert {case.scenario["trajectory"]["speed_mm_s"] for case in few} == {20.0}
     with pytest.raises(DatasetError, match="insertions = 1: must be 2 to 105"):
-        cases(insertions=1, seed=0)
+        training_insertions(insertions=1, seed=0)
 
 
 def test_insertions_are_gathered_in_the_order_of_the_cases() -> None:
-    data, chosen = made(), cases(insertions=12, seed=2)
+    data, chosen = made(), training_insertions(insertions=12, seed=2)
     assert [i["id"] for i in data.provenance["insertions"]] == [case.id for case in chosen]
     assert data.provenance["insertions"][3]["digest"] == f"digest {chosen[3].id}"
     first = next(i for i in fake(chosen) if i.case.id == chosen[0].id)
@@ -75,12 +75,12 @@ def test_insertions_are_gathered_in_the_order_of_the_cases() -> None:
 
 def test_an_insertion_that_was_not_run_is_named() -> None:
     with pytest.raises(DatasetError, match="1 insertions were not run, the first is DATA-104"):
-        dataset(cases(insertions=3, seed=0), lambda these: fake(these[:-1]), samples=10, seed=0)
+        collect_dataset(training_insertions(insertions=3, seed=0), lambda these: fake(these[:-1]), samples=10, seed=0)
 
 
 @pytest.mark.parametrize("split", ["sample", "trajectory"])
 def test_training_tells_its_errors_and_where_the_model_comes_from(split: str) -> None:
-    done = trained(made(), LinearModel(ridge=0.0), split=split, data_sha256="ab")
+    done = train_model(made(), LinearModel(ridge=0.0), split=split, data_sha256="ab")
     np.testing.assert_allclose(done.train_rmse_mm, 0.0, atol=1e-9)
     np.testing.assert_allclose(done.test_rmse_mm, 0.0, atol=1e-9)
     told = parse_model(done.model.text().encode(), "linear").provenance
@@ -93,13 +93,13 @@ def test_training_tells_its_errors_and_where_the_model_comes_from(split: str) ->
 
 
 def test_the_error_is_that_of_the_held_out_rows_and_fewer_samples_are_fewer() -> None:
-    done = trained(made(), NearestNeighbours(neighbours=1), split="sample", samples=20)
+    done = train_model(made(), NearestNeighbours(neighbours=1), split="sample", samples=20)
     assert done.model.provenance["train_rows"] == 20
     np.testing.assert_allclose(done.train_rmse_mm, 0.0, atol=1e-9)
     assert (done.test_rmse_mm > 100.0).all()
 
 
 def test_a_data_set_that_leaves_one_side_empty_is_refused() -> None:
-    tiny = dataset(cases(insertions=2, seed=0), fake, samples=2, seed=1)
+    tiny = collect_dataset(training_insertions(insertions=2, seed=0), fake, samples=2, seed=1)
     with pytest.raises(DataError, match="the data set is too small"):
-        trained(tiny, LinearModel(), split="sample")
+        train_model(tiny, LinearModel(), split="sample")

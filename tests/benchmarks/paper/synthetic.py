@@ -134,7 +134,7 @@ def timings(paths: int = 3) -> list[Outcome]:
             arm = "elm" if way == "elm" else "ifem"
             labels = labelled("LIN", arm, i, "", purpose="timing", jacobian=way)
             scaled = tuple(part * (1.0 + 0.02 * i) for part in step)
-            controller = {} if way == "elm" else {"jacobian": way}
+            controller: dict[str, Any] = {} if way == "elm" else {"jacobian": way}
             found.append(
                 outcome(f"timing-{i}-{way}", 0.01, labels, step_ms=(scaled[0], scaled[1], scaled[2]), **controller)
             )

@@ -12,10 +12,10 @@ from xml.etree import ElementTree
 
 import pytest
 
-from benchmarks.cases import Case, Outcome
-from benchmarks.paper.failure_places import chosen
+from benchmarks.cases import Case, Label, Outcome
+from benchmarks.paper.failure_places import notable_cases
 from benchmarks.paper.page import change, change_interval, html, interval, mm, p_value, percent, share, signed
-from benchmarks.paper.pipeline import worth_recording
+from benchmarks.paper.pipeline import cases_to_record
 from benchmarks.paper.report import SCHEMA, document, main_table_markdown, write
 from benchmarks.paper.table import rows
 from tests.benchmarks.paper.synthetic import (
@@ -68,7 +68,7 @@ class Page(HTMLParser):
 
 def everything() -> dict[str, Any]:
     outcomes = [*experiments(12), *seeds(), *sensitivity(), outcome("mlp", 0.1, labelled("LIN", "mlp", 0, ""))]
-    links = {case_id: f"recordings/{case_id}.rrd" for case_id, _ in chosen(rows(outcomes))}
+    links = {case_id: f"recordings/{case_id}.rrd" for case_id, _ in notable_cases(rows(outcomes))}
     return document(
         outcomes, timing=timings(), learning=learning(), recordings=links, scale="quick", provenance=PROVENANCE
     )
@@ -163,7 +163,7 @@ def test_other_recorded_cases_are_linked_too() -> None:
 
 
 def test_names_are_escaped() -> None:
-    labels = {"group": "<xb>&'\"", "arm": "<xi>", "end_point": "<xu>"}
+    labels: dict[str, Label] = {"group": "<xb>&'\"", "arm": "<xi>", "end_point": "<xu>"}
     outcomes = [outcome("<script>", 0.1, labels), outcome("x", 0.1, {**labels, "arm": "elm"})]
     recorded = {"<script>": "a\"b<'.rrd"}
     text = html(document(outcomes, recordings=recorded, scale="<xs>", provenance={"<xp>": "<xq>"}))
@@ -284,6 +284,6 @@ def test_failed_insertions_are_recorded_before_those_that_only_lost_their_target
 
     good = [case(number, "elm", 0.1 * (number + 1)) for number in range(3)]
     lost = [case(3, "open_loop", 2.0), case(4, "rigid", math.inf), case(5, "elm", 1.9), case(6, "elm", math.inf)]
-    found = [made.case.id for made in worth_recording([*lost, *good], failed=2)]
+    found = [made.case.id for made in cases_to_record([*lost, *good], failed=2)]
     assert found[-2:] == ["6-elm", "4-rigid"]
     assert {"0-elm", "5-elm"} <= set(found)

@@ -17,11 +17,11 @@ import pytest
 from benchmarks.cases import Case, Label, Outcome
 from benchmarks.paper import suites
 from benchmarks.paper.learning import LearningCurves
-from benchmarks.paper.pipeline import Findings, of_the_paper
-from benchmarks.paper.plan import Cost, Plan
+from benchmarks.paper.pipeline import Findings, paper_outcomes
+from benchmarks.paper.plan import Plan, StepCost
 from benchmarks.paper.sampling import end_points_mm, young_kpa
 from benchmarks.paper.scale import SCALE_TEXT, SCALES, Scale, scale_of
-from benchmarks.paper.variations import VARIATIONS, varied
+from benchmarks.paper.variations import VARIATIONS, apply_variation
 from simcore.errors import ScenarioError
 from simcore.learning.trained import PACKAGED
 from simcore.scenario.scenario import Scenario
@@ -114,13 +114,13 @@ def test_a_curved_case_is_what_its_id_says() -> None:
 
 
 def test_fewer_directions_are_taken_in_turn() -> None:
-    assert [path.direction for path in suites.curved(5, 1)] == ["+x", "-x", "+y", "-y", "+x"]
-    assert len(set(suites.curved(3))) == 12
+    assert [path.direction for path in suites.curved_paths(5, 1)] == ["+x", "-x", "+y", "-y", "+x"]
+    assert len(set(suites.curved_paths(3))) == 12
 
 
 @pytest.mark.parametrize("scale", SCALES.values(), ids=list(SCALES))
 def test_seeds_run_where_every_controller_ran(scale: Scale) -> None:
-    """So that a seed's error stands beside those of I-FEM and the references on the very same paths."""
+    """So that a seed's error can be compared with those of I-FEM and the references on the same paths."""
 
     def paths(cases: Sequence[Case]) -> set[tuple[Label, Label]]:
         return {(case.labels["end_point"], case.labels["direction"]) for case in cases}
@@ -144,7 +144,7 @@ def test_sensitivity_moves_one_thing_at_a_time() -> None:
     )
     default = Scenario.load(nominal).resolved()
     for variation in VARIATIONS:
-        moved = Scenario.load(varied(nominal, variation)).resolved()
+        moved = Scenario.load(apply_variation(nominal, variation)).resolved()
         differing = {key for key in default if moved[key] != default[key]}
         assert len(differing) == (0 if variation.parameter == "nominal" else 1), variation.name
 
@@ -159,7 +159,7 @@ def test_an_unknown_suite_is_refused_with_the_known_ones(name: str) -> None:
 def test_a_case_that_cannot_be_names_itself() -> None:
     draft = suites.lin_cases(SCALES["smoke"], {"elm": "nowhere.json"})[1]
     with pytest.raises(ScenarioError, match=r"lin-000-elm: controller.model = 'nowhere.json'"):
-        suites.resolved([draft])
+        suites.resolve_cases([draft])
 
 
 # ---- scales and plans
@@ -173,7 +173,7 @@ def test_a_plan_is_the_same_every_time_and_another_for_another_scale() -> None:
 
 
 def test_a_plan_tells_time_and_space() -> None:
-    plan, cost = Plan(SCALES["smoke"]), Cost(ifem_s=0.002, plain_s=0.001)
+    plan, cost = Plan(SCALES["smoke"]), StepCost(ifem_s=0.002, plain_s=0.001)
     one, two = plan.seconds(cost, 1), plan.seconds(cost, 2)
     assert one["experiments"] == pytest.approx(2 * two["experiments"])
     assert one["timing"] == two["timing"]  # one worker whatever the number
@@ -186,7 +186,7 @@ def test_a_plan_tells_time_and_space() -> None:
 def test_the_papers_own_insertions_are_counted_apart() -> None:
     cases = [case for stage in Plan(SCALES["full"]).stages if not stage.alone for case in stage.cases]
     none = LearningCurves((), 0.0, 25, 20)
-    found = of_the_paper(Findings(tuple(Outcome(case, {}) for case in cases), (), none, {}))
+    found = paper_outcomes(Findings(tuple(Outcome(case, {}) for case in cases), (), none, {}))
     arms = Counter(outcome.case.labels["arm"] for outcome in found)
     assert arms == {"ifem": 105 + 500, "elm": 500 + 500}
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from benchmarks.studies.bovine_liver import CUTTING_N, PUNCTURE_N, Measured, friction_n_per_mm
+from benchmarks.studies.bovine_liver import CUTTING_N, PUNCTURE_N, MeanAndDeviation, friction_n_per_mm
 
 
 def test_friction_is_coulomb_and_viscous() -> None:
@@ -21,7 +21,7 @@ def test_a_speed_that_was_not_measured_is_refused(speed: float) -> None:
 
 
 def test_shown_with_its_deviation() -> None:
-    assert [str(value) for value in (PUNCTURE_N, CUTTING_N, Measured(-0.014891, 0.0047))] == [
+    assert [str(value) for value in (PUNCTURE_N, CUTTING_N, MeanAndDeviation(-0.014891, 0.0047))] == [
         "2.304 ± 0.829",
         "0.94 ± 0.36",
         "-0.01489 ± 0.0047",

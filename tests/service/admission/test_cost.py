@@ -9,11 +9,11 @@ import pytest
 
 from service.admission.cost import Cost, check_cost, cost_of, time_limit_s
 from service.admission.cost import _size_of as size_of
-from service.limits import Limits
+from service.settings import Limits
 from simcore.errors import ScenarioError
+from simcore.scenario.build import tissue_model
 from simcore.scenario.presets import preset
 from simcore.scenario.scenario import Scenario
-from simcore.tissue.model import TissueModel
 from tests.service.http import idle_service
 from tests.simcore.mesh.test_mesh_file import write_box
 
@@ -32,7 +32,7 @@ JOBS = "/api/v1/jobs"
 def test_the_size_of_a_block_is_that_of_the_model_that_is_made(tissue: dict[str, Any]) -> None:
     target = {"entry_mm": [15, 15, 0], "target_mm": [15, 15, 30]}
     block = Scenario.load({"tissue": tissue, "trajectory": target, "interaction": {"spacing_mm": 12}}).tissue
-    model, size = TissueModel.from_scenario(block), size_of(block)
+    model, size = tissue_model(block), size_of(block)
     assert size.nodes == len(model.mesh.nodes_m)
     assert size.unknowns == model.unknowns
     assert model.band <= size.band <= 1.05 * model.band + 12
@@ -45,7 +45,7 @@ def test_the_size_of_a_file_is_that_of_the_model_that_is_made(tmp_path: Path) ->
     block = Scenario.load(
         {"tissue": tissue, "trajectory": trajectory, "interaction": {"spacing_mm": 11}, "needle": {"length_mm": 90}}
     ).tissue
-    model, size = TissueModel.from_scenario(block), size_of(block)
+    model, size = tissue_model(block), size_of(block)
     assert (size.nodes, size.unknowns, size.band) == (len(model.mesh.nodes_m), model.unknowns, model.band)
 
 

@@ -9,7 +9,7 @@ import pytest
 from starlette.testclient import TestClient
 
 from service.api.context import Service
-from service.limits import Limits
+from service.settings import Limits
 from service.store.job import Job
 from simcore.scenario.presets import preset
 from tests.service.http import finish, idle_service

@@ -20,7 +20,7 @@ from service.api.context import Service
 from service.cli.main import main
 from service.engine.slot import Signals, Slot
 from service.files.upload_names import SCHEME
-from service.limits import Limits
+from service.settings import Limits
 from service.store.job import Outcome
 from service.worker.training_job import SETTINGS, STAGES, train_job
 from simcore.learning.trained import PACKAGED, REGRESSORS, parse_model
@@ -200,7 +200,7 @@ def test_an_attempt_after_a_death_makes_the_same_model_and_keeps_it_once(both: B
     assert job is not None
     folder = service.settings.data / job.folder
     folder.mkdir(parents=True)
-    spec = {**(job.spec or {}), "job_id": job.id, "uploads": str(service.settings.uploads)}
+    spec = {**(job.spec or {}), "job_id": job.id, "files": str(service.settings.uploads)}
     first = train_job(spec, folder)
     service.uploads.keep_made(folder / "model.json", job, first["model"])
     (recovered,) = service.store.recover()
@@ -220,7 +220,7 @@ def test_a_model_that_finds_no_room_is_told(tmp_path: Path) -> None:
         assert job is not None
         folder = tmp_path / job.folder
         folder.mkdir(parents=True)
-        spec = {**(job.spec or {}), "job_id": job.id, "uploads": str(service.settings.uploads)}
+        spec = {**(job.spec or {}), "job_id": job.id, "files": str(service.settings.uploads)}
         signals = Signals(threading.Event(), threading.Event(), threading.Condition())
         slot = Slot(service.settings, service.store, signals, service.monitor, service.uploads, 0)
         done = slot._finish(job, Outcome(state="succeeded", result=train_job(spec, folder)))
@@ -363,7 +363,7 @@ def test_a_job_folder_holds_progress_and_result(tmp_path: Path) -> None:
     training = {"data": f"{SCHEME}{name}", "kind": "elm", "settings": settings, "split": "sample", "samples": None}
     folder = tmp_path / "job"
     folder.mkdir()
-    result = train_job({"training": training, "job_id": "a", "uploads": str(uploads)}, folder)
+    result = train_job({"training": training, "job_id": "a", "files": str(uploads)}, folder)
     assert json.loads((folder / "result.json").read_text()) == result
     assert json.loads((folder / "progress.json").read_text()) == {"fraction": 1.0, "step": 3, "steps": 3}
     regressor = parse_model((folder / "model.json").read_bytes(), "elm").regressor

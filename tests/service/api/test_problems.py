@@ -11,8 +11,8 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from starlette.testclient import TestClient
 
-from service.api.problems import shown
-from service.limits import Limits
+from service.api.problems import echoed
+from service.settings import Limits
 from tests.service.http import idle_service
 
 JOBS = "/api/v1/jobs"
@@ -141,9 +141,9 @@ def test_no_body_makes_the_server_fail(http: TestClient, value: Any) -> None:
 
 @given(st.integers() | st.floats() | st.text() | VALUES)
 def test_what_is_echoed_is_short_and_is_json(value: Any) -> None:
-    text = json.dumps(shown(value), allow_nan=False)
+    text = json.dumps(echoed(value), allow_nan=False)
     assert len(text) < 1500
 
 
 def test_what_is_echoed_of_strange_numbers() -> None:
-    assert (shown(math.inf), shown(True), shown(10**400)[:3]) == ("inf", True, "100")
+    assert (echoed(math.inf), echoed(True), echoed(10**400)[:3]) == ("inf", True, "100")

@@ -14,7 +14,7 @@ from starlette.testclient import TestClient
 
 from service.admission.campaign_planner import Planner
 from service.api.context import Service
-from service.limits import Limits
+from service.settings import Limits
 from service.store.campaigns import CampaignStore
 from service.store.database import open_database
 from service.store.jobs import Store

@@ -59,7 +59,7 @@ def ended(both: tuple[TestClient, Service], **how: Any) -> dict[str, Any]:
     http, service = both
     made = start(http)
     assert run_all(service, **how) == 4
-    service.keeper.look()
+    service.keeper.tick()
     found: dict[str, Any] = http.get(made["links"]["self"]).json()
     assert found["state"] == "done"
     return found
@@ -76,10 +76,10 @@ def test_a_campaign_makes_its_jobs_and_ends_with_them(both: tuple[TestClient, Se
     http, service = both
     made = start(http)
     assert (made["state"], made["cases"], made["jobs"], made["fraction"]) == ("running", 4, {"queued": 4}, 0.0)
-    service.keeper.look()
+    service.keeper.tick()
     assert http.get(made["links"]["self"]).json()["state"] == "running"
     run_all(service)
-    service.keeper.look()
+    service.keeper.tick()
     done = http.get(made["links"]["self"]).json()
     assert (done["state"], done["jobs"], done["fraction"]) == ("done", {"succeeded": 4}, 1.0)
     cases = http.get(made["links"]["jobs"]).json()["items"]
@@ -137,13 +137,13 @@ def test_cancelling_keeps_what_is_finished(both: tuple[TestClient, Service]) -> 
     service.store.finish(first, Outcome(state=SUCCEEDED, result={"metrics": {}, "status": "completed"}))
     for _ in range(2):
         assert http.post(made["links"]["cancel"]).status_code == 202
-    service.keeper.look()
+    service.keeper.tick()
     now = http.get(made["links"]["self"]).json()
     assert (now["state"], now["cancelling"]) == ("running", True)
     assert now["jobs"] == {"succeeded": 1, "running": 1, "cancelled": 2}
-    assert service.store.glance(second.id).cancel_requested
+    assert service.store.get_summary(second.id).cancel_requested
     service.store.finish(second, Outcome(state=CANCELLED))
-    service.keeper.look()
+    service.keeper.tick()
     assert http.get(made["links"]["self"]).json()["state"] == "cancelled"
 
 
@@ -181,7 +181,7 @@ def test_a_named_suite_has_the_report_of_the_paper(both: tuple[TestClient, Servi
     http, service = both
     made = start(http, {"suite": "lin100-v1-smoke"})
     run_all(service)
-    service.keeper.look()
+    service.keeper.tick()
     page = http.get(made["links"]["report"]).text
     assert "The paper’s claims" in page
     assert 'href="/jobs/' in page
@@ -225,12 +225,12 @@ def test_a_trend_marks_what_got_worse(both: tuple[TestClient, Service]) -> None:
     assert http.get("/api/v1/trends").json()["items"] == ["two by two"]
     points = http.get("/api/v1/trends/two by two").json()["points"]
     assert [point["regression"] for point in points] == [False, False, True]
-    assert points[1]["accuracy_why"] == "all 4 digests as before"
+    assert points[1]["accuracy_why"] == "all 4 digests unchanged"
     ended(both, state=FAILED)
     trend = http.get("/api/v1/trends/two by two").json()
     assert trend["points"][-1]["regression"] is False
     assert [(loss["figure"], loss["campaign"]) for loss in trend["losses"]] == [("success", points[2]["campaign"])]
-    assert "Not mended yet" in http.get("/trends/two by two").text
+    assert "Not recovered yet" in http.get("/trends/two by two").text
     assert "worse since" in http.get("/trends").text
     ended(both)
     assert http.get("/api/v1/trends/two by two").json()["losses"] == []

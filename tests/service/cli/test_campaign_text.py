@@ -11,8 +11,8 @@ from service.client.campaigns import CampaignStatus
     [
         ("running", {"succeeded": 1, "queued": 2}, "1 of 3 insertions, 60 s left"),
         ("done", {"succeeded": 2, "failed": 1}, "3 of 3 insertions, 1 failed"),
-        ("done", {"succeeded": 1}, "3 of 3 insertions, the jobs of 2 cleared away since"),
-        ("done", {}, "3 of 3 insertions, the jobs of 3 cleared away since"),
+        ("done", {"succeeded": 1}, "3 of 3 insertions, the jobs of 2 since removed"),
+        ("done", {}, "3 of 3 insertions, the jobs of 3 since removed"),
     ],
 )
 def test_where_a_campaign_is_counts_the_jobs_that_were_cleared_away(

@@ -7,7 +7,7 @@ from pathlib import Path
 import httpx2
 import pytest
 
-from service.client.client import CannotWrite, Client, ServiceError, Unreachable
+from service.client.client import CannotWriteError, Client, ServiceError, UnreachableError
 from service.client.connection import part
 from simcore.errors import ScenarioError
 
@@ -43,13 +43,13 @@ def test_an_id_of_ours_is_left_as_it_is() -> None:
 
 def test_an_answer_that_is_no_json_is_of_no_service() -> None:
     client, _ = client_that_gets(httpx2.Response(200, text="<html>hello</html>"))
-    with pytest.raises(ServiceError, match="is no needlebench service"):
+    with pytest.raises(ServiceError, match="is not a needlebench service"):
         client.job("a")
 
 
 @pytest.mark.parametrize("url", ["http://[::1", "http://[x]:1"])
 def test_a_broken_address_is_named(url: str) -> None:
-    with pytest.raises(Unreachable, match="is not the address of a service"):
+    with pytest.raises(UnreachableError, match="is not the address of a service"):
         Client(url)
 
 
@@ -60,6 +60,6 @@ def test_a_key_that_no_header_can_hold_is_bad_input() -> None:
 
 def test_a_download_into_no_folder_says_which(tmp_path: Path) -> None:
     client, _ = client_that_gets(httpx2.Response(200, content=b"0123"))
-    with pytest.raises(CannotWrite, match="cannot be written: No such file or directory"):
+    with pytest.raises(CannotWriteError, match="cannot be written: No such file or directory"):
         client.recording("a", tmp_path / "nothing" / "a.rrd")
     assert client.recording("a", tmp_path / "a.rrd").read_bytes() == b"0123"

@@ -93,6 +93,21 @@ def test_jobs_go_by_age_number_and_size(both: tuple[TestClient, Service], policy
     assert cleared(both[1], policy, DAYS) == gone
 
 
+@pytest.mark.parametrize(
+    ("policy", "pin", "gone"),
+    [
+        (Policy(older_than_s=30 * DAY), 0, [1, 2]),
+        (Policy(keep_last=2), 1, [0, 2]),
+        (Policy(max_bytes=3500), 0, [1, 2]),  # the pinned one counts, and another goes in its place
+        (Policy(max_bytes=0), 4, [0, 1, 2, 3]),
+    ],
+)
+def test_pinned_jobs_stay_and_are_not_announced_as_going(
+    both: tuple[TestClient, Service], policy: Policy, pin: int, gone: list[int]
+) -> None:
+    assert cleared(both[1], policy, DAYS, pin=pin) == gone
+
+
 def test_pinned_and_active_jobs_stay(both: tuple[TestClient, Service]) -> None:
     http, service = both
     active = http.post("/api/v1/jobs", json={"scenario": "line"}).json()["id"]
@@ -258,12 +273,12 @@ def test_the_keeper_sweeps_at_first_and_then_once_a_day(tmp_path: Path) -> None:
         store, ids = ended(service, Clock(), DAYS)
         sweep = _sweep_of(service.settings, store, service.uploads)
         parts = (service.campaigns, service.schedules, service.planner)
-        keeper = Keeper(*parts, poke=lambda: None, sweep=sweep, clock=lambda: moments[0])
-        keeper.look()
+        keeper = Keeper(*parts, wake=lambda: None, sweep=sweep, clock=lambda: moments[0])
+        keeper.tick()
         assert store.ids() == set(ids[3:])
         later, more = ended(service, Clock(), [1.0])
         for moments[0], there in ((SWEEP_S - 1.0, True), (SWEEP_S, False)):
-            keeper.look()
+            keeper.tick()
             assert (more[0] in later.ids()) is there
 
 
@@ -271,14 +286,14 @@ def test_without_a_rule_the_service_clears_nothing(tmp_path: Path) -> None:
     with idle_service(tmp_path) as (_, service):
         ended(service, Clock(), [1.0])
         assert _sweep_of(service.settings, service.store, service.uploads) is None
-        service.keeper.look()
+        service.keeper.tick()
         assert len(service.store.ids()) == 1
 
 
 def test_a_size_alone_is_a_rule(tmp_path: Path) -> None:
     with idle_service(tmp_path, keep_gb=2500 / 2**30) as (_, service):
         _, ids = ended(service, Clock(), [97.0, 98.0, 99.0])
-        service.keeper.look()
+        service.keeper.tick()
         assert service.store.ids() == set(ids[1:])
 
 
@@ -288,7 +303,7 @@ def test_jobs_of_a_campaign_stay_until_it_has_ended(both: tuple[TestClient, Serv
     first = finish(service)
     assert clear(service.store, service.settings.jobs, Policy(keep_last=0), dry_run=False).jobs == ()
     second = finish(service)
-    service.keeper.look()
+    service.keeper.tick()
     assert http.get(made).json()["state"] == "done"
     gone = clear(service.store, service.settings.jobs, Policy(keep_last=0), dry_run=False).jobs
     assert sorted(gone) == sorted([first.id, second.id])

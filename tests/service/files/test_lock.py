@@ -5,15 +5,19 @@ from pathlib import Path
 
 import pytest
 
-from service.files.lock import Busy, held
+from service.files.lock import LockHeldError, file_lock
 
 
 def test_a_second_holder_is_refused_and_told_who_holds_it(tmp_path: Path) -> None:
-    with held(tmp_path / "lock"), pytest.raises(Busy, match=str(os.getpid())), held(tmp_path / "lock"):
+    with (
+        file_lock(tmp_path / "lock"),
+        pytest.raises(LockHeldError, match=str(os.getpid())),
+        file_lock(tmp_path / "lock"),
+    ):
         pass
 
 
 def test_the_lock_is_free_after_use(tmp_path: Path) -> None:
     for _ in range(2):
-        with held(tmp_path / "new" / "lock"):
+        with file_lock(tmp_path / "new" / "lock"):
             pass

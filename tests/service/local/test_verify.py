@@ -12,11 +12,13 @@ import pytest
 from click.testing import CliRunner, Result
 
 from service.cli.main import main
-from service.local.verify import CannotVerify, changed, compare, first_difference
+from service.local.verify import CannotVerifyError, changed, compare, first_difference
 from service.store.job import Outcome
 from service.worker.attempt import run_job
+from service.worker.specs import InsertionSpec
 from simcore.rollout import artefacts
-from simcore.rollout.rollout import Rollout, digest, run
+from simcore.rollout.result import Rollout, digest
+from simcore.rollout.rollout import run
 from simcore.scenario.scenario import Scenario
 from tests.service.http import idle_service
 from tests.service.learned import model_bytes
@@ -103,9 +105,9 @@ def steered(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, str]:
         job = service.store.claim()
         assert job is not None
         folder = data / job.folder
-        spec = {**(job.spec or {}), "job_id": job.id, "uploads": str(service.settings.uploads)}
+        spec = InsertionSpec(job_id=job.id, scenario=(job.spec or {})["scenario"], files=service.settings.uploads)
         folder.mkdir(parents=True)
-        service.store.finish(job, Outcome(state="succeeded", result=run_job(spec, folder)))
+        service.store.finish(job, Outcome(state="succeeded", result=run_job(spec.to_json(), folder)))
     return data, job.id
 
 
@@ -134,7 +136,7 @@ def test_a_result_whose_upload_cannot_be_found_says_so(steered: tuple[Path, str]
     assert (empty.exit_code, "does not have it" in empty.output) == (2, True)
     assert needlebench("verify", result, "--data", str(data)).output.startswith("identical")
     nothing = needlebench("verify", job_id, "--data", str(tmp_path / "empty"))
-    assert (nothing.exit_code, "is no data folder" in nothing.output) == (2, True)
+    assert (nothing.exit_code, "is not a data folder" in nothing.output) == (2, True)
 
 
 def test_neither_a_file_nor_an_id(tmp_path: Path) -> None:
@@ -168,5 +170,5 @@ def test_a_broken_series_is_named(rollout: Rollout, tmp_path: Path) -> None:
     told = needlebench("verify", str(path))
     assert told.exit_code == 2
     assert "series.npz cannot be read" in told.output
-    with pytest.raises(CannotVerify):
+    with pytest.raises(CannotVerifyError):
         compare({"digest": "0"}, None, rollout)

@@ -21,11 +21,13 @@ from rerun.error_utils import RerunWarning
 
 from service.display import job_text, plain_values
 from service.recording import observer as recording
-from service.recording.entities import BLOCK_STEPS, FORCE_ARROW_M_PER_N, PLOTS, Moment, displacement_colors
-from service.recording.layout import DISPLACEMENT_SCALE_M
+from service.recording.blocks import BLOCK_STEPS, FORCE_ARROW_M_PER_N
+from service.recording.colors import DISPLACEMENT_SCALE_M, displacement_colors
 from service.recording.observer import RerunObserver, optimize
-from service.worker.attempt import Together
-from simcore.rollout.records import Scene, StepRecord, Vector
+from service.recording.plots import PLOTS, Moment, Step
+from service.worker.attempt import ObserverGroup
+from simcore.arrays import Floats
+from simcore.rollout.records import Scene, StepRecord
 from simcore.scenario.scenario import Scenario
 from tests.service.fake_run import FakeRollout, FakeRun
 
@@ -101,7 +103,7 @@ def kept(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Keeper]:
     """One recorded run, and what it emitted."""
     path, keeper = tmp_path_factory.mktemp("recorded") / "recording.rrd", Keeper()
     with RerunObserver(path, recording_id="kept", provenance={"commit": "abc1234", "job_id": "j"}) as recorder:
-        FakeRun(short()).run(Together((recorder, keeper)))
+        FakeRun(short()).run(ObserverGroup((recorder, keeper)))
     assert recorder.warning is None
     return path, keeper
 
@@ -119,7 +121,7 @@ def test_the_fake_run_overwrites_what_it_handed_out() -> None:
 
 def test_positions_are_recorded_exactly(kept: tuple[Path, Keeper]) -> None:
     path, keeper = kept
-    entities: dict[tuple[str, str], Callable[[StepRecord], Vector]] = {
+    entities: dict[tuple[str, str], Callable[[StepRecord], Floats]] = {
         ("world/tip", "Points3D:positions"): lambda r: r.tip_m[None],
         ("world/target", "Points3D:positions"): lambda r: r.target_m[None],
         ("world/needle", "LineStrips3D:strips"): lambda r: r.shaft_m[None],
@@ -152,7 +154,7 @@ def test_plots_are_recorded_exactly(kept: tuple[Path, Keeper]) -> None:
         rows = recorded(path, plot.entity, "Scalars:scalars")
         assert list(rows) == list(range(STEPS + 1))
         for record, now, before in zip(keeper.records, moments, moments[:1] + moments, strict=False):
-            expected = np.array(plot.values(record, now, before, dt_s))
+            expected = np.array(plot.values(Step(record, now, before, dt_s)))
             assert np.array_equal(rows[record.step], expected), (plot.entity, record.step)
 
 
@@ -170,6 +172,21 @@ def test_plotted_numbers_in_their_units(kept: tuple[Path, Keeper]) -> None:
     assert depth[0] == pytest.approx(1e3 * keeper.scene.scenario.path().length_m / 2)
 
 
+def test_commanded_and_actual_motion_are_told_apart(kept: tuple[Path, Keeper]) -> None:
+    first = FakeRun(short()).record(1)
+    start = first.base_position_m.copy()
+    moved, commanded = start + np.array([0.0, 0.0, 1e-3]), start + np.array([0.0, 2e-3, 0.0])
+    after = replace(first, base_position_m=moved, command_position_m=commanded, limited=True)
+    before = Moment.of(replace(first, base_position_m=start))
+    command = next(plot for plot in PLOTS if plot.entity == "metrics/command")
+    values = command.values(Step(after, Moment.of(after), before, 0.01))
+    names = [name for name, _ in command.series]
+    assert dict(zip(names, values, strict=True)) == pytest.approx(
+        {"commanded speed, mm/s": 200.0, "speed, mm/s": 100.0, "rotation, deg/s": 0.0, "limited": 1.0}
+    )
+    assert static(kept[0], command.entity)["SeriesLines:names"] == names
+
+
 def test_turn_rate_of_a_small_rotation() -> None:
     run = FakeRun(short())
     record, angle = run.record(1), np.radians(0.01)
@@ -178,7 +195,7 @@ def test_turn_rate_of_a_small_rotation() -> None:
     command = next(plot for plot in PLOTS if plot.entity == "metrics/command")
     for sign in (1.0, -1.0):
         after = replace(record, base_rotation=sign * turned)
-        rate = command.values(after, Moment.of(after), before, 0.01)[2]
+        rate = command.values(Step(after, Moment.of(after), before, 0.01))[2]
         assert rate == pytest.approx(1.0, rel=1e-9)
 
 
@@ -302,9 +319,9 @@ class Killer:
         if record.step == 220:
             os.kill(os.getpid(), getattr(signal, sys.argv[2]))
 
-from service.worker.attempt import Together
+from service.worker.attempt import ObserverGroup
 with RerunObserver(Path(sys.argv[1]), recording_id="killed", clock=lambda: 0.0) as recorder:
-    FakeRun(short()).run(Together((recorder, Killer())))
+    FakeRun(short()).run(ObserverGroup((recorder, Killer())))
 """
 
 
@@ -336,14 +353,14 @@ def test_the_file_grows_while_the_run_goes_on(tmp_path: Path) -> None:
                 seen.extend(recorded(copied, "world/tip", "Points3D:positions"))
 
     with RerunObserver(path, recording_id="grows", clock=lambda: 0.0) as recorder:
-        FakeRun(short()).run(Together((recorder, Watcher())))
+        FakeRun(short()).run(ObserverGroup((recorder, Watcher())))
     assert seen == list(range(2 * BLOCK_STEPS))
 
 
 def test_a_place_that_cannot_be_written_is_a_warning(tmp_path: Path) -> None:
     keeper = Keeper()
     with RerunObserver(tmp_path / "missing" / "recording.rrd", recording_id="w") as recorder:
-        FakeRun(short()).run(Together((recorder, keeper)))
+        FakeRun(short()).run(ObserverGroup((recorder, keeper)))
     assert recorder.warning is not None
     assert "FileNotFoundError" in recorder.warning
     assert len(keeper.records) == STEPS + 1

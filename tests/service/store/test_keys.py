@@ -12,13 +12,13 @@ import pytest
 from starlette.testclient import TestClient
 
 from service.api.context import Service
-from service.api.middleware.rate_limit import Rate
+from service.api.middleware.rate_limit import RateLimit
 from service.api_key import digest_of, id_of, keys_exist, new_key
-from service.limits import Limits
-from service.settings import Settings, SettingsError
+from service.environment import SettingsError
+from service.settings import Limits, Settings
 from service.store.database import open_database
 from service.store.jobs import Store
-from service.store.keys import ENVIRONMENT, Keys, UnknownKey
+from service.store.keys import ENVIRONMENT, Keys, UnknownKeyError
 from simcore.errors import ScenarioError
 from tests.service.http import idle_service
 from tests.service.learned import model_bytes
@@ -165,7 +165,7 @@ def test_a_key_of_a_wrong_scope_or_note_is_refused(both: tuple[TestClient, Servi
     for wrong in ({"scope": "root"}, {"scope": "read", "note": "x" * 201}, {"scope": "read", "note": "a\nb"}):
         with pytest.raises(ScenarioError):
             both[1].keys.create(**wrong)
-    with pytest.raises(UnknownKey):
+    with pytest.raises(UnknownKeyError):
         both[1].keys.revoke("unknown")
 
 
@@ -188,7 +188,7 @@ def test_an_open_address_is_accepted_once_there_is_a_key(tmp_path: Path) -> None
         service.keys.revoke(made.id)
         assert http.get(JOBS).status_code == 401, "an open address never serves without a key"
     with pytest.raises(SettingsError, match="needlebench key create"):
-        Settings(data=tmp_path, host="0.0.0.0")
+        Settings(data=tmp_path, host="0.0.0.0").check_exposure()
     store.close()
 
 
@@ -215,18 +215,18 @@ def test_a_key_that_asks_too_often_has_to_wait(tmp_path: Path) -> None:
 
 def test_a_bucket_fills_at_its_rate() -> None:
     now = [0.0]
-    rate = Rate(2.0, lambda: now[0])
+    rate = RateLimit(2.0, lambda: now[0])
     assert [rate.wait_s("a") for _ in range(5)] == [0, 0, 0, 0, 0.5]
     now[0] = 0.5
     assert [rate.wait_s("a"), rate.wait_s("a"), rate.wait_s("b")] == [0, 0.5, 0]
     now[0] = 1000.0
     assert sum(not rate.wait_s("a") for _ in range(10)) == 4
-    assert not any(Rate(0.0, lambda: 0.0).wait_s("a") for _ in range(1000))
+    assert not any(RateLimit(0.0, lambda: 0.0).wait_s("a") for _ in range(1000))
 
 
 def test_who_asked_long_ago_is_forgotten_and_who_asked_too_often_is_not() -> None:
     now = [0.0]
-    rate = Rate(2.0, lambda: now[0])
+    rate = RateLimit(2.0, lambda: now[0])
     for number in range(5000):
         now[0] += 0.1
         rate.wait_s(f"key {number}")

@@ -18,14 +18,14 @@ from service.store.job import (
     MAXIMUM_ATTEMPTS,
     TERMINAL,
     Artefact,
-    IllegalTransition,
+    IllegalTransitionError,
     Job,
-    KeyReused,
+    KeyReusedError,
     Outcome,
-    UnknownJob,
+    UnknownJobError,
 )
+from service.store.job_queries import NEXT
 from service.store.jobs import Store
-from service.store.statements import NEXT
 from tests.service.databases import lay_down
 
 
@@ -111,7 +111,7 @@ def test_cancelling_a_running_job_asks_its_owner(store: Store) -> None:
 def test_a_job_that_ended_cannot_be_cancelled(store: Store) -> None:
     submit(store)
     done = store.finish(claim(store), RESULT)
-    with pytest.raises(IllegalTransition, match="is succeeded"):
+    with pytest.raises(IllegalTransitionError, match="is succeeded"):
         store.cancel(done.id)
 
 
@@ -147,7 +147,7 @@ def test_the_owner_of_before_can_change_nothing(store: Store) -> None:
     second = claim(store)
     store.beat(first, {"step": 9})
     assert store.get(first.id).progress is None
-    with pytest.raises(IllegalTransition):
+    with pytest.raises(IllegalTransitionError):
         store.finish(first, RESULT)
     assert store.finish(second, RESULT).state == "succeeded"
 
@@ -155,18 +155,18 @@ def test_the_owner_of_before_can_change_nothing(store: Store) -> None:
 def test_an_idempotency_key_gives_the_same_job_again(store: Store) -> None:
     job = submit(store, key="k", request_hash="1")
     assert submit(store, key="k", request_hash="1").id == job.id
-    with pytest.raises(KeyReused, match=job.id):
+    with pytest.raises(KeyReusedError, match=job.id):
         submit(store, key="k", request_hash="2")
     assert len(store.newest()) == 1
 
 
 def test_only_ended_jobs_can_be_deleted(store: Store) -> None:
     job = submit(store, key="k", request_hash="1")
-    with pytest.raises(IllegalTransition, match="is queued"):
+    with pytest.raises(IllegalTransitionError, match="is queued"):
         store.delete(job.id)
     store.cancel(job.id)
     store.delete(job.id)
-    with pytest.raises(UnknownJob):
+    with pytest.raises(UnknownJobError):
         store.get(job.id)
     assert kinds(store, job) == ["queued", "cancelled", "deleted"]
 
@@ -211,7 +211,7 @@ def test_a_retry_begins_anew_and_keeps_the_log(store: Store) -> None:
     assert store.artefacts(job.id) == []
     assert claim(store).attempt == 2
     assert kinds(store, job) == ["queued", "started", "failed", "queued", "started"]
-    with pytest.raises(IllegalTransition, match="is running"):
+    with pytest.raises(IllegalTransitionError, match="is running"):
         store.retry(job.id)
 
 
@@ -219,7 +219,7 @@ def test_a_pinned_job_is_not_deleted(store: Store) -> None:
     job = submit(store)
     store.cancel(job.id)
     assert store.pin(job.id, pinned=True).pinned
-    with pytest.raises(IllegalTransition, match="is pinned"):
+    with pytest.raises(IllegalTransitionError, match="is pinned"):
         store.delete(job.id)
     store.pin(job.id, pinned=False)
     store.delete(job.id)
@@ -280,7 +280,7 @@ def _act(store: Store, job: Job, owner: Job | None, action: str) -> Job | None:
             store.retry(job.id)
         elif owner is not None:
             _end(store, owner, action)
-    except IllegalTransition:
+    except IllegalTransitionError:
         pass
     return owner
 
@@ -321,7 +321,7 @@ def test_an_exchange_by_an_owner_of_before_takes_nothing(store: Store) -> None:
     old = claim(store)
     store.requeue(old, reason="x", crashed=True)
     claim(store)
-    with pytest.raises(IllegalTransition):
+    with pytest.raises(IllegalTransitionError):
         store.exchange(old, RESULT)
     assert (store.get(job.id).state, store.get(other.id).state) == ("running", "queued")
 

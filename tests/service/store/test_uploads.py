@@ -15,9 +15,9 @@ import numpy as np
 import pytest
 from starlette.testclient import TestClient
 
-from service.admission.upload_check import BadUpload, look_into
+from service.admission.upload_check import UnusableUploadError, read_content
 from service.api.context import Service
-from service.limits import Limits
+from service.settings import Limits
 from tests.service.http import finish, idle_service
 from tests.service.learned import dataset_bytes, model_bytes
 from tests.simcore.mesh.test_mesh_file import write_box
@@ -181,7 +181,7 @@ def test_what_is_in_a_model_and_in_a_data_set_is_told(http: TestClient) -> None:
 def looked(folder: Path, data: bytes, suffix: str = ".npz") -> Any:
     path = folder / f"file{suffix}"
     path.write_bytes(data)
-    return look_into(path, "dataset" if suffix == ".npz" else "model")
+    return read_content(path, "dataset" if suffix == ".npz" else "model")
 
 
 def changed(data: bytes, **changes: Any) -> bytes:
@@ -213,7 +213,7 @@ def changed(data: bytes, **changes: Any) -> bytes:
     ],
 )
 def test_a_model_of_another_format_or_width_is_refused(tmp_path: Path, changes: dict[str, Any], told: str) -> None:
-    with pytest.raises(BadUpload, match=told):
+    with pytest.raises(UnusableUploadError, match=told):
         looked(tmp_path, changed(model_bytes("elm", nodes=3), **changes), ".json")
 
 
@@ -240,7 +240,7 @@ def test_a_model_of_another_format_or_width_is_refused(tmp_path: Path, changes: 
 def test_a_data_set_that_cannot_be_learned_from_is_refused(tmp_path: Path, changes: dict[str, Any], told: str) -> None:
     with np.load(io.BytesIO(dataset_bytes(rows=40))) as file:
         data = arrays(**{**file, **changes})
-    with pytest.raises(BadUpload, match=told):
+    with pytest.raises(UnusableUploadError, match=told):
         looked(tmp_path, data)
 
 
@@ -296,7 +296,7 @@ def test_bombs_and_pickles_are_refused_unread(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, data: bytes, told: str
 ) -> None:
     monkeypatch.chdir(tmp_path)
-    with pytest.raises(BadUpload, match=told):
+    with pytest.raises(UnusableUploadError, match=told):
         looked(tmp_path, data)
     assert not (tmp_path / "pickled").exists()
 
@@ -307,7 +307,7 @@ def test_bombs_and_pickles_are_refused_unread(
     ids=["list", "cut", "nan", "deep", "very deep", "binary"],
 )
 def test_json_that_is_no_plain_object_is_refused(tmp_path: Path, data: bytes) -> None:
-    with pytest.raises(BadUpload):
+    with pytest.raises(UnusableUploadError):
         looked(tmp_path, data, ".json")
 
 

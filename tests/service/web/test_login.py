@@ -9,8 +9,8 @@ from pathlib import Path
 import pytest
 from starlette.testclient import TestClient
 
+from service.access import SESSION_COOKIE
 from service.api.context import Service
-from service.api.middleware.key_guard import COOKIE
 from service.store.keys import SESSION_S, Keys
 from service.web.login import inside
 from tests.service.http import HERE, idle_service
@@ -55,7 +55,7 @@ def test_a_key_becomes_a_cookie_that_scripts_and_other_sites_do_not_get(both: tu
     http, _ = both
     cookie = log_in(http, goal="/api/v1/jobs?limit=5")
     name, _, attributes = cookie.partition("=")
-    assert name == COOKIE
+    assert name == SESSION_COOKIE
     assert {"httponly", "samesite=strict", "path=/"} <= {part.strip().lower() for part in attributes.split(";")}
     assert KEY not in cookie
     assert http.get(JOBS).status_code == 200
@@ -81,11 +81,11 @@ def test_a_header_comes_before_the_cookie(both: tuple[TestClient, Service]) -> N
 def test_after_the_logout_the_cookie_opens_nothing(both: tuple[TestClient, Service]) -> None:
     http, _ = both
     log_in(http)
-    token = http.cookies[COOKIE]
+    token = http.cookies[SESSION_COOKIE]
     gone = http.post("/logout", headers={"Origin": HERE})
     assert (gone.status_code, gone.headers["location"]) == (303, "/login")
-    assert COOKIE not in http.cookies
-    assert http.get(JOBS, headers={"Cookie": f"{COOKIE}={token}"}).status_code == 401
+    assert SESSION_COOKIE not in http.cookies
+    assert http.get(JOBS, headers={"Cookie": f"{SESSION_COOKIE}={token}"}).status_code == 401
 
 
 @pytest.mark.parametrize("form", [{"key": "wrong"}, {"key": ""}, {}, {"key": "x" * 20_000}])

@@ -10,7 +10,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from simcore.contact.laws import solve_laws, staircases
+from simcore.contact.laws import Law, Response, Staircase, solve_laws, staircases
 from tests.verification import verify
 
 Vector = np.ndarray
@@ -32,10 +32,7 @@ class Problem:
     contact: bool
     arc_old: Vector
     mode: Vector
-    steps: Vector
-    breaks: Vector
-    sign: Vector
-    extra: Vector
+    stair: Staircase
     slide: Vector
 
     @property
@@ -45,9 +42,9 @@ class Problem:
     def solved(self) -> tuple[Vector, Vector]:
         """(a, 3) N and (a,) m; the modes are updated in place."""
         force, arc = np.empty_like(self.gap), np.empty_like(self.arc)
-        staircase = (self.mode, self.steps, self.breaks, self.sign, self.extra)
-        laws = (self.base, self.friction, self.contact, self.slide)
-        assert solve_laws(self.w, self.gap, self.arc, self.speed, self.force, *staircase, *laws, force, arc)
+        response = Response(self.w, self.gap, self.arc, self.speed, self.force)
+        law = Law(self.stair, self.base, self.friction, self.contact)
+        assert solve_laws(response, law, self.mode, self.slide, force, arc)
         return force, arc
 
     def gaps(self, force: Vector) -> Vector:
@@ -55,7 +52,7 @@ class Problem:
         return self.gap + (self.w @ (force - self.force).ravel()).reshape(-1, 3)
 
     def levels(self, i: int, lateral: float) -> Vector:
-        return self.sign[i] * (self.base[i] + self.friction * lateral) + self.extra[i]
+        return self.stair.sign[i] * (self.base[i] + self.friction * lateral) + self.stair.extra[i]
 
 
 def random_problem(
@@ -67,23 +64,22 @@ def random_problem(
     w = 1e-2 * (np.eye(3 * elements) + root @ root.T / (3 * elements))
     gap = rng.normal(scale=2e-3, size=(elements, 3))
     arc_old = LENGTH_M - 0.01 * np.arange(elements) + (1e-3 if withdrawn else 0.0)
-    steps, breaks = np.zeros(elements, np.int64), np.zeros((elements, 2))
-    sign, extra = np.zeros((elements, 3)), np.zeros((elements, 3))
+    stair = Staircase.of_size(elements)
     mode = rng.integers(0, 3, elements)
     base = np.zeros(elements) if contact else rng.uniform(0.0, 0.06, elements)
     numbers = (LENGTH_M, CUTTING_N, PUNCTURE_N)
-    staircases(contact, np.arange(elements), arc_old, *numbers, mode, breaks, steps, sign, extra)
+    staircases(contact, np.arange(elements), arc_old, *numbers, mode, stair)
     force = rng.normal(scale=0.05, size=(elements, 3))
     arc = arc_old + rng.normal(scale=1e-3, size=elements)
     state = (w, gap, arc, force, base, friction, contact, arc_old)
-    return Problem(*state, mode, steps, breaks, sign, extra, np.zeros(2))
+    return Problem(*state, mode, stair, np.zeros(2))
 
 
 def consistent(p: Problem, force: Vector, arc: Vector, mode: Vector) -> bool:
     """Whether forces and arc lengths obey the staircases of specification of the interaction in these modes."""
     for i in range(len(arc)):
         k, levels = mode[i] // 2, p.levels(i, np.hypot(*force[i, :2]))
-        breaks = p.breaks[i, : p.steps[i]]
+        breaks = p.stair.breaks[i, : p.stair.steps[i]]
         if mode[i] % 2 == 1:
             inside = levels[k] - SLACK_N <= force[i, 2] <= levels[k + 1] + SLACK_N
             if not inside or abs(arc[i] - breaks[k]) > 1e-10:
@@ -100,7 +96,7 @@ def brute_force(p: Problem) -> list[tuple[Vector, Vector, Vector]]:
     """Every consistent solution (force, arc, mode): all combinations of modes, each by fixed-point iteration on the
     friction's |lambda_n|."""
     found = []
-    for mode in product(*(range(2 * count + 1) for count in p.steps)):
+    for mode in product(*(range(2 * count + 1) for count in p.stair.steps)):
         force = fixed_modes(p, np.array(mode))
         if force is None:
             continue
@@ -118,7 +114,7 @@ def fixed_modes(p: Problem, mode: Vector) -> Vector | None:
         for i in range(a):
             row, k = 3 * i + 2, mode[i] // 2
             if mode[i] % 2 == 1:
-                right[row] += (p.breaks[i, k] - p.arc[i]) * p.speed[i]
+                right[row] += (p.stair.breaks[i, k] - p.arc[i]) * p.speed[i]
             else:
                 matrix[row], right[row] = np.eye(3 * a)[row], p.levels(i, np.hypot(*force[i, :2]))[k]
         new = np.linalg.solve(matrix, right).reshape(a, 3)

@@ -28,8 +28,7 @@ def ball_at(centre: Vector, radius_m: float = RADIUS_M, mesh: BoxMesh = MESH) ->
     ball = Ball.of_radius(radius_m, mesh)
     slot = np.full(len(mesh.nodes_m), -1)
     nodes, weights = np.full(ball.capacity, -1), np.full(ball.capacity, np.nan)
-    quadrature = (ball.offsets_m, ball.kernel, ball.cell_m)
-    count = ball_weights(centre, *quadrature, mesh.size_m, np.array(mesh.cells), slot, nodes, weights)
+    count = ball_weights(centre, ball.rule, mesh.size_m, np.array(mesh.cells), slot, nodes, weights)
     assert count <= ball.capacity
     assert (slot == -1).all()
     assert len(set(nodes[:count])) == count
@@ -98,7 +97,7 @@ def test_displacement_is_the_weighted_mean() -> None:
     ball, slot = Ball.of_radius(RADIUS_M, MESH), np.full(len(MESH.nodes_m), -1)
     nodes, weights, out = np.empty(ball.capacity, np.int64), np.empty(ball.capacity), np.empty(3)
     centre = np.array([0.018, 0.031, 0.0])
-    place = (ball.offsets_m, ball.kernel, ball.cell_m, SIZE_M, np.array(CELLS), slot, nodes, weights)
+    place = (ball.rule, SIZE_M, np.array(CELLS), slot, nodes, weights)
     count = ball_weights(centre, *place)
     u = np.random.default_rng(0).normal(size=MESH.nodes_m.shape)
     displaced(centre, nodes, weights, count, MESH.nodes_m + u, MESH.nodes_m, out)

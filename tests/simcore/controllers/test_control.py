@@ -19,11 +19,12 @@ import pytest
 from simcore.controllers import Observation
 from simcore.controllers.ifem import InverseFemController
 from simcore.errors import Status
-from simcore.insertion.insertion import Insertion
 from simcore.insertion.jacobian_fast import linearise
 from simcore.robot import limited_pose
-from simcore.rollout.rollout import Rollout, run
+from simcore.rollout.result import Rollout
+from simcore.rollout.rollout import run
 from simcore.rotations import log_map, matrix_from_quaternion
+from simcore.scenario.build import insertion_of, robot_limits
 from simcore.scenario.scenario import InverseFem, Scenario
 from tests.verification import verify
 
@@ -193,16 +194,18 @@ class Held:
     """Insertion and controller at a target that is held still, with the limits of the robot."""
 
     def __init__(self, described: Scenario) -> None:
-        self.scenario, self.insertion, self.path = described, Insertion(described), described.path()
+        self.scenario, self.insertion, self.path = described, insertion_of(described), described.path()
         self.state = self.insertion.initial_state(self.path.first_tangent())
-        self.controller = InverseFemController(InverseFem(), lambda _: linearise(self.insertion, self.state))
+        self.controller = InverseFemController(
+            InverseFem(), lambda _: linearise(self.insertion.model, self.state.solved)
+        )
         self.limited: list[bool] = []
 
     def follow(self, target_m: Vector) -> Vector:
         """One step; (3,) m from the target to the tip after it."""
         seen = Observation(0, self.state.base, self.state.tip_m.copy(), target_m)
         command = self.controller.command(seen)
-        base, limited = limited_pose(self.state.base, command, self.scenario.robot, self.scenario.dt_s)
+        base, limited = limited_pose(self.state.base, command, robot_limits(self.scenario.robot), self.scenario.dt_s)
         self.state = self.insertion.step(self.state, base)
         assert self.state.report.status is Status.COMPLETED, self.state.report.message
         self.limited.append(limited)

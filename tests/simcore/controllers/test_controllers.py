@@ -17,8 +17,9 @@ from simcore.controllers import Observation, make_controller
 from simcore.controllers.ifem import InverseFemController, damped_inverse, objectives
 from simcore.controllers.open_loop import OpenLoopController
 from simcore.controllers.replay import ReplayController
-from simcore.insertion.insertion import Pose, rotation_towards
+from simcore.insertion.insertion import rotation_towards
 from simcore.insertion.jacobian_fast import Linearisation
+from simcore.insertion.state import Pose
 from simcore.rotations import exp_map, log_map, skew
 from simcore.scenario.scenario import InverseFem, Scenario
 from simcore.trajectory import targets

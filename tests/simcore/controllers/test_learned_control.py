@@ -18,8 +18,9 @@ from simcore.controllers.ifem import damped_inverse
 from simcore.controllers.learned import LearnedController
 from simcore.controllers.registry import FACTORIES
 from simcore.controllers.remote_centre import pose_through
-from simcore.errors import ModelFailure, ScenarioError, Status
-from simcore.insertion.insertion import Pose, rotation_towards
+from simcore.errors import ModelFailureError, ScenarioError, Status
+from simcore.insertion.insertion import rotation_towards
+from simcore.insertion.state import Pose
 from simcore.learning import LinearModel, TrainedModel
 from simcore.plugins import PluginError
 from simcore.rollout.rollout import run
@@ -219,7 +220,7 @@ def test_an_insertion_that_fails_is_told_by_the_first_command(coarse: Scenario) 
     block = hopeless.controller
     assert isinstance(block, FrozenJacobian)
     controller = FrozenJacobianController(block, hopeless, np.array([0.012, 0.020, 0.0]))
-    with pytest.raises(ModelFailure, match="insertion for the frozen Jacobian") as caught:
+    with pytest.raises(ModelFailureError, match="insertion for the frozen Jacobian") as caught:
         controller.command(seen(ENTRY))
     assert caught.value.status is Status.NOT_CONVERGED
 

@@ -2,15 +2,17 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
 import pytest
 
-from simcore.controllers.plant_model import Separate, model_scenario
+from simcore.controllers.plant_model import Separate, derivative, model_scenario
 from simcore.errors import ScenarioError, Status
 from simcore.rollout.records import StepRecord
-from simcore.rollout.rollout import Rollout, run
+from simcore.rollout.result import Rollout
+from simcore.rollout.rollout import run
 from simcore.scenario.presets import preset, with_changes
 from simcore.scenario.scenario import InverseFem, Scenario, SeparateModel, SharedModel
 from tests.simcore.block import block_scenario
@@ -94,7 +96,9 @@ def test_failure_of_the_model_is_named_as_the_model_s(monkeypatch: pytest.Monkey
 
     def hurried(self: Separate, *arguments: Any) -> None:
         made(self, *arguments)
-        self.insertion.coupled.solver = self.insertion.coupled.solver.model_copy(update={"max_iterations": 1})
+        self.insertion = self.insertion.with_tolerances(replace(self.insertion.model.tolerances, max_iterations=1))
+        self.state = self.insertion.initial_state(arguments[0].path().first_tangent())
+        self.derivative = derivative(self.insertion, arguments[1])
 
     monkeypatch.setattr(Separate, "__init__", hurried)
     rollout = run(scenario(TWIN))

@@ -17,6 +17,7 @@ from simcore.insertion.jacobian_exact import linearise_exactly
 from simcore.insertion.jacobian_perturbation import Perturbation
 from simcore.mesh.mesh import box_mesh
 from simcore.rollout.rollout import run
+from simcore.scenario.build import insertion_of
 from simcore.scenario.scenario import InverseFem, Scenario, SeparateModel
 from tests.simcore.block import TIGHT, moved
 
@@ -75,7 +76,7 @@ def test_a_separate_model_has_the_mesh_too(tmp_path: Path) -> None:
     assert isinstance(model, SeparateModel)
     assert model.element_size_mm == scenario.tissue.element_size_mm
     own = Separate(scenario, scenario.controller, model).insertion
-    np.testing.assert_array_equal(own.tissue.mesh.nodes_m, Insertion(scenario).tissue.mesh.nodes_m)
+    np.testing.assert_array_equal(own.tissue.mesh.nodes_m, insertion_of(scenario).tissue.mesh.nodes_m)
     assert own.tissue.mu_pa == pytest.approx(4000.0 / 2.8)
     assert Scenario.load(scenario.resolved()) == scenario
 
@@ -83,7 +84,7 @@ def test_a_separate_model_has_the_mesh_too(tmp_path: Path) -> None:
 def slanted_contact(folder: Path, normal: Vector) -> Insertion:
     """Entry in the middle of a triangle with the given normal; a skin too tough to be punctured."""
     entry = np.array([-24.3640, 43.7, -16.8416])
-    return Insertion(
+    return insertion_of(
         Scenario.load(
             cylinder_fields(
                 folder,
@@ -100,9 +101,9 @@ def test_contact_on_a_slanted_surface(tmp_path: Path) -> None:
     at it, comes off; each time the exact Jacobian is that of differences (one-sided: first order where it slips)."""
     normal = np.array([0.8112421896, 0.0, 0.5847102849])
     insertion = slanted_contact(tmp_path, normal)
-    np.testing.assert_allclose(insertion.channel_model.inward, normal, atol=1e-8)
+    np.testing.assert_allclose(insertion.model.channel.inward, normal, atol=1e-8)
     state = insertion.initial_state(normal)
-    start, across = state.base, insertion.coupled.surface_frame[0]
+    start, across = state.base, insertion.model.surface_frame[0]
     assert abs(across @ normal) < 1e-8
     for push, aside, slips, tolerance in [
         (6e-4, 1e-5, False, 1e-4),
@@ -110,13 +111,13 @@ def test_contact_on_a_slanted_surface(tmp_path: Path) -> None:
         (-1e-3, 0.0, False, 1e-4),
     ]:
         before, state = state, insertion.step(state, moved(start, push * normal + aside * across))
-        problem = insertion.coupled
-        pressure = problem.force[0] @ normal
-        lateral = float(np.linalg.norm(problem.force[0] - pressure * normal))
+        force = state.point_forces_n[0]
+        pressure = force @ normal
+        lateral = float(np.linalg.norm(force - pressure * normal))
         assert (pressure > 0.05) == (push > 0.0)
         assert lateral == pytest.approx(0.1 * pressure, rel=1e-6) if slips else lateral <= 0.1 * pressure + 1e-12
         differences = Perturbation(insertion, shift_m=5e-6, lever_arm_m=0.1).linearise(before, state).tip
-        np.testing.assert_allclose(linearise_exactly(insertion, state).tip, differences, atol=tolerance)
+        np.testing.assert_allclose(linearise_exactly(insertion.model, state.solved).tip, differences, atol=tolerance)
 
 
 @pytest.mark.parametrize(

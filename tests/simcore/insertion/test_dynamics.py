@@ -12,6 +12,7 @@ from scipy.linalg import eigh
 
 from simcore.contact.channel import Phase
 from simcore.insertion.insertion import Insertion, InsertionState
+from simcore.scenario.build import insertion_of
 from tests.simcore.block import (
     AHEAD,
     Trip,
@@ -85,7 +86,7 @@ def test_fast_dynamic_step_is_full_newton(heavy: Trip, step: int) -> None:
 @pytest.mark.parametrize(("friction", "slips"), [(1.0, False), (0.1, True)])
 def test_fast_contact_step_is_full_newton(friction: float, slips: bool) -> None:
     """Indentation before puncture, pushed obliquely: sticking, and slipping with Coulomb's force along the slip."""
-    insertion = Insertion(block_scenario(interaction={"puncture_n": 1.0, "friction": friction}))
+    insertion = insertion_of(block_scenario(interaction={"puncture_n": 1.0, "friction": friction}))
     start = insertion.initial_state(AHEAD)
     poses = [moved(start.base, np.array([2e-4, 1e-4, 3e-4]) * k, 1e-3 * k * np.array([1, 2, 3])) for k in range(1, 6)]
     pairs = []
@@ -157,7 +158,7 @@ def resolved(trip: Trip, after: InsertionState, newton: FullNewton, j: int, arc:
 def free_tissue(dt_s: float, alpha: float = 0.0, beta: float = 0.0) -> tuple[Insertion, InsertionState]:
     """The block with mass, the needle lifted 10 mm off: nothing touches it."""
     tissue = {"density_kg_m3": 1000.0, "rayleigh_mass_per_s": alpha, "rayleigh_stiffness_s": beta}
-    insertion = Insertion(block_scenario(tissue=tissue, dt_s=dt_s))
+    insertion = insertion_of(block_scenario(tissue=tissue, dt_s=dt_s))
     start = insertion.initial_state(AHEAD)
     return insertion, advanced(insertion, start, moved(start.base, np.array([0.0, 0.0, -0.01])))
 
@@ -249,7 +250,7 @@ def test_free_oscillation_never_gains_energy_and_damping_takes_more() -> None:
 
 def test_momentum_balance(heavy: Trip) -> None:
     """Newton: force of the robot + reaction of the held faces = M dv / dt + alpha M v, summed over all nodes."""
-    tissue, dt = heavy.insertion.tissue, heavy.insertion.scenario.dt_s
+    tissue, dt = heavy.insertion.tissue, heavy.insertion.model.dt_s
     fixed, mass, largest, misses = tissue.unknown < 0, tissue.masses_kg[:, None], 0.0, []
     for before, after in pairwise(heavy.states):
         if before.channel.phase is not Phase.INSERTED:
@@ -272,7 +273,7 @@ def test_static_limit_is_the_quasi_static_solution() -> None:
     """Held still, the damped block comes to rest where the quasi-static one is: indented obliquely, sticking."""
     ends = []
     for tissue, holds in (({}, 1), ({**HEAVY, "rayleigh_mass_per_s": 60.0}, 150)):
-        insertion = Insertion(block_scenario(tissue=tissue, interaction={"puncture_n": 1.0, "friction": 1.0}))
+        insertion = insertion_of(block_scenario(tissue=tissue, interaction={"puncture_n": 1.0, "friction": 1.0}))
         start = insertion.initial_state(AHEAD)
         poses = [moved(start.base, np.array([1e-4, -5e-5, 3e-4]) * k) for k in range(1, 6)]
         ends.append(travel(insertion, start, [*poses, *[poses[-1]] * holds])[-1])

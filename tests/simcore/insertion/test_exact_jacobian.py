@@ -6,6 +6,7 @@ Allowed: 1e-4 of each row (spec of the controllers); the fast form is many times
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
@@ -17,11 +18,13 @@ import simcore.insertion.jacobian_exact
 from simcore.contact.kernels import frame_along
 from simcore.controllers import Observation, make_controller
 from simcore.controllers.plant_model import make_model
-from simcore.errors import ModelFailure, Status
-from simcore.insertion.insertion import Insertion, InsertionState, Pose
+from simcore.errors import ModelFailureError, Status
+from simcore.insertion.insertion import Insertion, InsertionState
 from simcore.insertion.jacobian_exact import linearise_exactly
 from simcore.insertion.jacobian_fast import Linearisation, lateral_offset, linearise
+from simcore.insertion.state import Pose
 from simcore.robot import limited_pose
+from simcore.scenario.build import insertion_of, robot_limits
 from simcore.scenario.scenario import Scenario
 from simcore.trajectory import targets
 from tests.simcore.block import AHEAD, TIGHT, advanced, block_scenario, curved_pose, moved
@@ -57,8 +60,8 @@ def differences(case: Case, step_m: float) -> tuple[Vector, list[NDArray[np.int6
         for side in (step_m, -step_m):
             twist = side * np.eye(6)[dof] / LEVER
             after = advanced(case.insertion, case.before, moved(case.base, twist[:3], twist[3:]))
-            modes.append(case.insertion.coupled.mode.copy())
-            offset = lateral_offset(case.insertion, after, case.insertion.entry_m)[0]
+            modes.append(after.solved.at.mode)
+            offset = lateral_offset(case.insertion.model, after.bodies, after.inserted_m)[0]
             ends.append(np.concatenate([after.tip_m, offset]))
         columns.append((ends[0] - ends[1]) / (2.0 * step_m))
     return np.array(columns).T, modes
@@ -67,8 +70,11 @@ def differences(case: Case, step_m: float) -> tuple[Vector, list[NDArray[np.int6
 def errors(case: Case, step_m: float = 1e-7) -> tuple[Vector, Vector, NDArray[np.int64]]:
     """Errors of the exact and of the fast form, relative by row, and the active set, the same at every difference."""
     after = advanced(case.insertion, case.before, case.base)
-    exact, fast = rows(linearise_exactly(case.insertion, after)), rows(linearise(case.insertion, after))
-    mode = case.insertion.coupled.mode.copy()
+    exact, fast = (
+        rows(linearise_exactly(case.insertion.model, after.solved)),
+        rows(linearise(case.insertion.model, after.solved)),
+    )
+    mode = after.solved.at.mode
     expected, modes = differences(case, step_m)
     assert all((other == mode).all() for other in modes), "the case is too near a change of the active set"
     expected = expected[: len(exact)]
@@ -103,7 +109,7 @@ def kind(request: pytest.FixtureRequest) -> str:
 @pytest.fixture(scope="module")
 def walk(kind: str) -> dict[str, Case]:
     """Push 48 mm on a curved way, reverse by a little, pull back past the first point, push again."""
-    insertion = Insertion(block_scenario(tissue=DAMPED if kind == "dynamic" else {}))
+    insertion = insertion_of(block_scenario(tissue=DAMPED if kind == "dynamic" else {}))
     before, state, base = pushed(insertion, 0.048, 96)
     cases = {"pushing": Case(insertion, before, base)}
     cases["reversed by 0.02 mm"] = Case(insertion, state, moved(base, np.array([1e-5, 2e-5, -2e-5])))
@@ -161,7 +167,7 @@ def controlled_scenario(kind: str, **controller: Any) -> Scenario:
 
 def depths(scenario: Scenario, depths_mm: tuple[float, ...]) -> list[Case]:
     """The steps of a controlled insertion that first reach each depth."""
-    insertion = Insertion(scenario)
+    insertion = insertion_of(scenario)
     path = scenario.path()
     goals = targets(path, speed_m_s=0.01, dt_s=scenario.dt_s, steps=scenario.steps)
     before = state = insertion.initial_state(path.first_tangent())
@@ -170,7 +176,7 @@ def depths(scenario: Scenario, depths_mm: tuple[float, ...]) -> list[Case]:
     cases: list[Case] = []
     for step, goal in enumerate(goals[:-1]):
         command = controller.command(Observation(step, state.base, state.tip_m.copy(), goal))
-        base, _ = limited_pose(state.base, command, scenario.robot, scenario.dt_s)
+        base, _ = limited_pose(state.base, command, robot_limits(scenario.robot), scenario.dt_s)
         before, state = state, advanced(insertion, state, base)
         if len(cases) < len(depths_mm) and state.inserted_m * 1e3 >= depths_mm[len(cases)]:
             cases.append(Case(insertion, before, base))
@@ -180,8 +186,8 @@ def depths(scenario: Scenario, depths_mm: tuple[float, ...]) -> list[Case]:
 
 def surface_contact(sideways_m: float, tilt_rad: float = 0.0) -> Case:
     """The tip presses 0.4 mm straight into the surface, then moves sideways; the contact's normal may be tilted."""
-    insertion = Insertion(block_scenario(interaction={"puncture_n": 0.3}))
-    frame_along(np.array([0.0, np.sin(tilt_rad), np.cos(tilt_rad)]), insertion.coupled.surface_frame)
+    insertion = insertion_of(block_scenario(interaction={"puncture_n": 0.3}))
+    frame_along(np.array([0.0, np.sin(tilt_rad), np.cos(tilt_rad)]), insertion.model.surface_frame)
     first = insertion.initial_state(AHEAD)
     base = moved(first.base, np.array([0.0, 0.0, 4e-4]))
     state = advanced(insertion, first, base)
@@ -198,8 +204,9 @@ def test_surface_contact_before_puncture(sideways_m: float, tilt_rad: float, fas
     """Sticking, slipping, and slipping on a tilted surface."""
     case = surface_contact(sideways_m, tilt_rad)
     exact, fast, _ = errors(case, step_m=1e-6)
-    assert case.insertion.coupled.contact
-    assert bool(case.insertion.coupled.slide.any()) is (sideways_m > 1e-4)
+    solved = advanced(case.insertion, case.before, case.base).solved
+    assert solved.active.contact
+    assert bool(solved.at.slide.any()) is (sideways_m > 1e-4)
     assert len(exact) == 3
     text = f"contact before puncture, {1e3 * sideways_m:g} mm sideways a step, surface tilted by {tilt_rad:g} rad"
     check(text, exact, fast, fast_bound=fast_bound)
@@ -208,7 +215,7 @@ def test_surface_contact_before_puncture(sideways_m: float, tilt_rad: float, fas
 
 def test_breathing_tissue() -> None:
     """The prescribed motion of the held nodes is no unknown: the step is differentiated around it."""
-    insertion = Insertion(block_scenario(motion={"kind": "breathing", "amplitude_mm": 3.0, "period_s": 1.0}))
+    insertion = insertion_of(block_scenario(motion={"kind": "breathing", "amplitude_mm": 3.0, "period_s": 1.0}))
     before, _, base = pushed(insertion, 0.03, 60)
     exact, fast, _ = errors(Case(insertion, before, base))
     check("breathing tissue", exact, fast, fast_bound=0.042)
@@ -218,37 +225,51 @@ def test_breathing_tissue() -> None:
 def test_surface_friction_opposes_the_slip() -> None:
     """Coulomb: F_lateral = mu F_n along the needle's slip over the tissue, whatever the kept factor."""
     case = surface_contact(5e-4)
-    advanced(case.insertion, case.before, case.base)
-    c = case.insertion.coupled
-    force, slip = c.force[0], -c.gap[0, :2]
+    at, law = advanced(case.insertion, case.before, case.base).solved.at, case.insertion.model.law
+    force, slip = at.force_n[0], -at.points.gap[0, :2]
     assert np.linalg.norm(slip) > 1e-4
     along = slip / np.linalg.norm(slip)
-    assert np.abs(force[:2] - c.interaction.friction * force[2] * along).max() < 1e-7 * force[2]
+    assert np.abs(force[:2] - law.friction * force[2] * along).max() < 1e-7 * force[2]
 
 
 def test_needle_in_the_air_moves_rigidly() -> None:
     """Contact lost: the tip follows the base as a rigid body, J = [I, -[tip - base]]."""
-    insertion = Insertion(block_scenario())
+    insertion = insertion_of(block_scenario())
     state = insertion.initial_state(AHEAD)
     state = advanced(insertion, state, moved(state.base, np.array([1e-4, 2e-4, -1e-3]), np.array([0.01, 0.02, 0.03])))
     arm = state.tip_m - state.base.position_m
     expected = np.hstack([np.eye(3), np.cross(np.eye(3), -arm)])
-    found, text = linearise_exactly(insertion, state).tip, "exact Jacobian of a free needle"
+    found, text = linearise_exactly(insertion.model, state.solved).tip, "exact Jacobian of a free needle"
     verify("coupled", text, expected=expected, measured=found, tolerance=1e-9, source="rigid body, dX - (tip - X) x dw")
 
 
-def test_only_the_last_step_can_be_linearised() -> None:
-    insertion = Insertion(block_scenario())
-    first = insertion.initial_state(AHEAD)
-    advanced(insertion, first, moved(first.base, np.array([0.0, 0.0, 1e-4])))
-    with pytest.raises(ValueError, match="solved last"):
-        linearise_exactly(insertion, first)
+@pytest.mark.parametrize("form", [linearise, linearise_exactly])
+def test_an_earlier_step_is_linearised_as_when_it_was_the_last(form: Callable[..., Linearisation]) -> None:
+    """A solved step is a value: what is solved after it, with a new factor even, changes nothing in it."""
+    insertion = insertion_of(block_scenario())
+    _, state, _ = pushed(insertion, 0.02, 40)
+    fresh = form(insertion.model, state.solved)
+    later = state
+    for _ in range(20):
+        later = advanced(insertion, later, moved(later.base, np.array([2e-4, 0.0, 5e-4])))
+    insertion.workspace.compliance.refactor(insertion.workspace.blocks.rotations())
+    again = form(insertion.model, state.solved)
+    np.testing.assert_array_equal(again.tip, fresh.tip)
+    np.testing.assert_array_equal(again.rcm, fresh.rcm)
+
+
+def test_without_the_tissue_a_step_is_linearised_in_the_fast_form_only() -> None:
+    insertion = insertion_of(block_scenario(), keeps_tissue=False)
+    _, state, _ = pushed(insertion, 5e-3, 10)
+    assert np.isfinite(linearise(insertion.model, state.solved).tip).all()
+    with pytest.raises(ValueError, match="without keeping the tissue"):
+        linearise_exactly(insertion.model, state.solved)
 
 
 def test_unfinished_iteration_is_a_named_failure(monkeypatch: pytest.MonkeyPatch) -> None:
-    insertion = Insertion(block_scenario())
+    insertion = insertion_of(block_scenario())
     _, state, _ = pushed(insertion, 5e-3, 10)
     monkeypatch.setattr(simcore.insertion.jacobian_exact, "MAX_ITERATIONS", 1)
-    with pytest.raises(ModelFailure, match="exact Jacobian's residual is") as failure:
-        linearise_exactly(insertion, state)
+    with pytest.raises(ModelFailureError, match="exact Jacobian's residual is") as failure:
+        linearise_exactly(insertion.model, state.solved)
     assert failure.value.status is Status.NOT_CONVERGED

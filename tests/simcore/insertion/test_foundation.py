@@ -15,7 +15,8 @@ import pytest
 from scipy.sparse.linalg import factorized
 
 from simcore.insertion.insertion import Insertion, InsertionState
-from simcore.scenario.scenario import Scenario
+from simcore.scenario.build import insertion_of
+from simcore.scenario.scenario import Scenario, Tissue
 from tests.simcore.block import AHEAD, advanced, moved, straight_poses, travel
 from tests.simcore.reference import small_strain_matrix
 from tests.verification import verify
@@ -45,7 +46,7 @@ def lying(length_mm: float, needle: dict[str, float]) -> Lying:
     faces, middle = ["x_min", "x_max", "y_min", "y_max"], 0.5 * SIDE_MM
     nothing = {"friction": 0, "adhesion_n_per_mm": 0, "cutting_n": 0, "puncture_n": 0}
     size = [SIDE_MM, SIDE_MM, length_mm + 20.0]
-    insertion = Insertion(
+    insertion = insertion_of(
         Scenario.load(
             {
                 "tissue": {"size_mm": size, "element_size_mm": 5, "fixed_faces": faces},
@@ -65,8 +66,8 @@ def foundation_stiffness(case: Lying) -> float:
     """k in Pa: force per length and deflection of a uniform push of all points, without a needle, by small-strain
     elasticity assembled in the tests; the middle half of the points, away from entry and tip."""
     tissue, channel = case.insertion.tissue, case.rest.channel
-    scenario = case.insertion.scenario.tissue
-    matrix = small_strain_matrix(tissue.mesh.nodes_m, tissue.mesh.tets, scenario.young_kpa * 1e3, scenario.poisson)
+    material = Tissue()
+    matrix = small_strain_matrix(tissue.mesh.nodes_m, tissue.mesh.tets, material.young_kpa * 1e3, material.poisson)
     free = np.repeat(tissue.unknown >= 0, 3)
     solve = factorized(matrix[free][:, free].tocsc())
     elements = channel.active_elements()

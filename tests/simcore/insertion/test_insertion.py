@@ -10,7 +10,9 @@ import pytest
 
 from simcore.contact.channel import Phase
 from simcore.errors import Status
-from simcore.insertion.insertion import Insertion, InsertionState, Pose
+from simcore.insertion.insertion import Insertion, InsertionState
+from simcore.insertion.state import Pose
+from simcore.scenario.build import insertion_of
 from tests.simcore.block import (
     AHEAD,
     BLOCK_MM,
@@ -103,7 +105,7 @@ def test_signorini_before_puncture() -> None:
     """No force away from the surface; a push indents it, tip and surface together; pulled back it lets go."""
     trip = straight_trip(np.array([-1e-4, 2e-4, 4e-4, 1e-4, -1e-4]), interaction={"puncture_n": 1.0})
     forces = [state.base_wrench[2] for state in trip.states]
-    surface = [s.channel.position(trip.insertion.channel_model, 0, s.bodies.x)[2] for s in trip.states]
+    surface = [s.channel.position(trip.insertion.model.channel, 0, s.bodies.x)[2] for s in trip.states]
     text, numbers = "before puncture", {"source": "Signorini: force or gap"}
     check(f"{text}: force without contact", expected=0, measured=forces[1::4], tolerance=1e-8, unit="N", **numbers)
     depths = [2e-4, 4e-4, 1e-4]
@@ -240,7 +242,7 @@ def test_a_reflected_path_gives_the_reflected_tip(axis: int) -> None:
     image = [Pose(mirror @ p.position_m + shift, mirror @ p.rotation @ mirror) for p in plain]
     tips, forces = [], []
     for poses, start in ((plain, entry), (image, mirror @ entry + shift)):
-        insertion = Insertion(block_scenario(trajectory={"entry_mm": list(1e3 * start)}))
+        insertion = insertion_of(block_scenario(trajectory={"entry_mm": list(1e3 * start)}))
         states = travel(insertion, insertion.initial_state(AHEAD), poses)
         tips.append(np.array([s.tip_m for s in states]))
         forces.append(np.array([s.base_wrench[:3] for s in states]))
@@ -274,7 +276,7 @@ def test_an_absurd_turn_does_not_converge_and_changes_nothing() -> None:
 
 def test_a_surface_that_is_never_punctured_inverts() -> None:
     """Pushed in without being punctured, linear tissue folds at about 1 N: min det F <= 0.1 has a name."""
-    insertion = Insertion(block_scenario(interaction={"puncture_n": 10.0}))
+    insertion = insertion_of(block_scenario(interaction={"puncture_n": 10.0}))
     state = insertion.initial_state(np.array([0.0, 0.0, 1.0]))
     for _ in range(100):
         before = [array.copy() for array in contents(state)]
@@ -315,18 +317,18 @@ def test_the_step_after_a_failed_one_is_as_if_nothing_happened(absurd: list[tupl
 
 def test_too_few_iterations_are_a_named_failure() -> None:
     """max_iterations = 1 on a jump of 3 mm: NOT_CONVERGED with residual, violation and what was allowed."""
-    insertion = Insertion(block_scenario(solver={"max_iterations": 1}))
+    insertion = insertion_of(block_scenario(solver={"max_iterations": 1}))
     start = insertion.initial_state(AHEAD)
     after = insertion.step(start, moved(start.base, np.array([1e-3, 0.0, 3e-3])))
     assert after.report.status is Status.NOT_CONVERGED
-    assert after.report.residual_n > insertion.scenario.solver.force_tolerance_n
+    assert after.report.residual_n > insertion.model.tolerances.force_n
     assert "3e-09" in after.report.message
 
 
 @pytest.mark.parametrize("shift", [[-0.02, 0.0, 0.0], [0.0, 0.0, 0.065]], ids=["beside the block", "out of the back"])
 def test_a_tip_that_leaves_the_tissue_is_a_named_failure(shift: list[float]) -> None:
     """Outside the rest shape there is nothing to touch or to cut."""
-    insertion = Insertion(block_scenario())
+    insertion = insertion_of(block_scenario())
     state = insertion.initial_state(np.array([0.0, 0.0, 1.0]))
     for share in np.linspace(0.02, 1.0, 50):
         base = moved(insertion.initial_base(np.array([0.0, 0.0, 1.0])), share * np.array(shift))

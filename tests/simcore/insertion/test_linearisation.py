@@ -7,8 +7,10 @@ from dataclasses import dataclass
 import numpy as np
 import pytest
 
-from simcore.insertion.insertion import Insertion, InsertionState, Pose
+from simcore.insertion.insertion import Insertion, InsertionState
 from simcore.insertion.jacobian_fast import Linearisation, lateral_offset, linearise
+from simcore.insertion.state import Pose
+from simcore.scenario.build import insertion_of
 from tests.simcore.block import AHEAD, advanced, block_scenario, curved_pose, moved
 from tests.verification import verify
 
@@ -37,7 +39,7 @@ class Case:
             for sign in (1.0, -1.0):
                 change = sign * delta_m * unit / COLUMN
                 state = advanced(self.insertion, self.before, moved(self.base, change[:3], change[3:]))
-                offset = lateral_offset(self.insertion, state, self.insertion.entry_m)[0]
+                offset = lateral_offset(self.insertion.model, state.bodies, state.inserted_m)[0]
                 ends.append(np.concatenate([state.tip_m, offset]))
             columns.append((ends[0] - ends[1]) / (2 * delta_m))
         both = np.array(columns).T
@@ -46,14 +48,14 @@ class Case:
 
 def case(step: int, **blocks: dict[str, object]) -> Case:
     """Step number `step` of a curved push to 30 mm (steps 0 to 59) and pull of 5 mm (60 to 79)."""
-    insertion = Insertion(block_scenario(**blocks))
+    insertion = insertion_of(block_scenario(**blocks))
     state = insertion.initial_state(AHEAD)
     first = state.base
     for depth in PUSH_PULL_M[:step]:
         state = advanced(insertion, state, curved_pose(first, depth))
     base = curved_pose(first, PUSH_PULL_M[step])
     after = advanced(insertion, state, base)
-    return Case(insertion, state, after, base, linearise(insertion, after))
+    return Case(insertion, state, after, base, linearise(insertion.model, after.solved))
 
 
 def error(found: Vector, expected: Vector) -> float:
@@ -110,12 +112,12 @@ def test_before_puncture(step: int, friction: float, bound: float) -> None:
 
 def test_a_free_needle_follows_rigidly() -> None:
     """Nothing touches: d tip = dX - (tip - X) x dw, from the base alone."""
-    insertion = Insertion(block_scenario())
+    insertion = insertion_of(block_scenario())
     start = insertion.initial_state(AHEAD)
     after = advanced(insertion, start, moved(start.base, np.array([1e-3, 2e-3, -0.02]), np.array([0.2, -0.1, 0.3])))
     arm = after.tip_m - after.base.position_m
     expected = np.column_stack([np.eye(3), np.cross(np.eye(3), arm).T])
-    text, found = "Jacobian of a free needle", linearise(insertion, after).tip
+    text, found = "Jacobian of a free needle", linearise(insertion.model, after.solved).tip
     verify("coupled", text, expected=expected, measured=found, tolerance=1e-9, source="rigid body, dX - (tip - X) x dw")
 
 

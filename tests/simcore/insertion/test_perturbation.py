@@ -10,12 +10,15 @@ from numpy.typing import NDArray
 
 from simcore.controllers import Observation
 from simcore.errors import Status
-from simcore.insertion.insertion import Insertion, InsertionState, Pose
+from simcore.insertion.insertion import Insertion, InsertionState
 from simcore.insertion.jacobian_exact import linearise_exactly
 from simcore.insertion.jacobian_fast import Linearisation
 from simcore.insertion.jacobian_perturbation import Perturbation
+from simcore.insertion.state import Pose
 from simcore.rollout.records import Silent
-from simcore.rollout.rollout import Rollout, _Loop, run
+from simcore.rollout.result import Rollout
+from simcore.rollout.rollout import _Loop, run
+from simcore.scenario.build import insertion_of
 from simcore.scenario.scenario import Scenario
 from tests.simcore.block import AHEAD, advanced, block_scenario, curved_pose
 from tests.verification import verify
@@ -34,7 +37,7 @@ def rows(response: Linearisation) -> Vector:
 
 def curved_insertion() -> tuple[Insertion, InsertionState, InsertionState]:
     """States before and after the last of 40 steps on a curved way; every element slips."""
-    insertion = Insertion(block_scenario())
+    insertion = insertion_of(block_scenario())
     before = state = insertion.initial_state(AHEAD)
     first = state.base
     for i in range(40):
@@ -45,7 +48,7 @@ def curved_insertion() -> tuple[Insertion, InsertionState, InsertionState]:
 def test_error_falls_with_the_first_order_of_the_shift() -> None:
     """One-sided differences against the exact Jacobian: halving the shift halves the error, a fitted order of 1."""
     insertion, before, state = curved_insertion()
-    exact = rows(linearise_exactly(insertion, state))
+    exact = rows(linearise_exactly(insertion.model, state.solved))
     shifts = 5e-5 * np.array([4.0, 2.0, 1.0])
     errors = []
     for shift in shifts:
@@ -60,7 +63,7 @@ def test_error_falls_with_the_first_order_of_the_shift() -> None:
 def test_rotations_turn_by_the_shift_over_the_lever_arm() -> None:
     """With a tenfold lever arm a rotation is ten times smaller, and so is the error of its columns."""
     insertion, before, state = curved_insertion()
-    exact = rows(linearise_exactly(insertion, state))
+    exact = rows(linearise_exactly(insertion.model, state.solved))
     near, far = (
         rows(Perturbation(insertion, shift_m=4e-4, lever_arm_m=lever).linearise(before, state)) - exact
         for lever in (LEVER_M, 10.0 * LEVER_M)
@@ -79,7 +82,7 @@ def short_scenario(**controller: object) -> Scenario:
 
 
 def test_remote_centre_rows_are_off_before_the_puncture() -> None:
-    insertion = Insertion(block_scenario())
+    insertion = insertion_of(block_scenario())
     state = insertion.initial_state(AHEAD)
     response = Perturbation(insertion, shift_m=5e-5, lever_arm_m=LEVER_M).linearise(state, state)
     assert response.rcm is None

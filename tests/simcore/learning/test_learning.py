@@ -26,7 +26,7 @@ from simcore.learning import (
     parse_model,
 )
 from simcore.learning.regressor import DataError, ridge_solution
-from simcore.learning.trained import ModelFault
+from simcore.learning.trained import ModelFaultError
 
 Vector = np.ndarray
 RNG = np.random.default_rng(5)
@@ -99,6 +99,14 @@ def test_the_seed_makes_the_weights_and_only_they_are_random() -> None:
         np.testing.assert_array_equal(one.arrays[name], same.arrays[name])
     assert not np.array_equal(one.arrays["w"], other.arrays["w"])
     assert np.abs(one.arrays["w"]).max() <= 1.0
+
+
+@pytest.mark.parametrize("name", ["w", "b"])
+def test_weights_and_biases_are_uniform_in_their_range(name: str) -> None:
+    drawn = ExtremeLearningMachine(nodes=2000, weight_range=0.7, seed=3).fit(X, Y).arrays[name]
+    assert 0.69 < np.abs(drawn).max() <= 0.7
+    assert abs(drawn.mean()) < 5 * 0.7 / np.sqrt(3 * drawn.size)
+    np.testing.assert_allclose(drawn.std(), 0.7 / np.sqrt(3), rtol=0.05)
 
 
 def test_more_nodes_fit_closer_and_the_default_is_the_papers() -> None:
@@ -218,13 +226,13 @@ FAULTS = {
 @pytest.mark.parametrize("fault", FAULTS)
 def test_each_fault_of_a_file_is_one_clear_message(fault: str) -> None:
     change, message = FAULTS[fault]
-    with pytest.raises(ModelFault, match=message):
+    with pytest.raises(ModelFaultError, match=message):
         parse_model(spoiled(change), "elm")
 
 
 @pytest.mark.parametrize("data", [b"", b"PK\x03\x04", b"[1, 2]", b"[" * 100_000, b"\xff\xfe"])
 def test_what_is_no_model_at_all_is_refused(data: bytes) -> None:
-    with pytest.raises(ModelFault, match="JSON"):
+    with pytest.raises(ModelFaultError, match="JSON"):
         parse_model(data, "elm")
 
 

@@ -16,11 +16,13 @@ from numpy.typing import NDArray
 from simcore.errors import Problem, ScenarioError, Status
 from simcore.file_names import names_mean, nothing
 from simcore.mesh.mesh import BoxMesh, box_mesh
+from simcore.mesh.numbering import held_nodes
 from simcore.mesh.reader import MAXIMUM_MB, load_mesh
-from simcore.rollout.rollout import Rollout, run
+from simcore.rollout.result import Rollout
+from simcore.rollout.rollout import run
+from simcore.scenario.build import tissue_model
 from simcore.scenario.mesh_rules import MAXIMUM_FACTOR_MB
 from simcore.scenario.scenario import Scenario
-from simcore.tissue.model import TissueModel, held_nodes
 from tests.simcore.block import BLOCK_MM, block_scenario
 
 Vector = NDArray[np.float64]
@@ -118,7 +120,7 @@ def test_every_format_gives_the_box_back(tmp_path: Path, name: str, capfd: pytes
     names = {"fixed_sets": [held]} if held else {"fixed_faces": ["y_min", "y_max"]}
     scenario = Scenario.load(box_fields(path, **names))
     assert capfd.readouterr() == ("", "")
-    model, box = TissueModel.from_scenario(scenario.tissue), TissueModel.from_scenario(block_scenario().tissue)
+    model, box = tissue_model(scenario.tissue), tissue_model(block_scenario().tissue)
     np.testing.assert_allclose(model.mesh.nodes_m, box.mesh.nodes_m, atol=1e-15)
     assert {tuple(t) for t in np.sort(model.mesh.tets)} == {tuple(t) for t in np.sort(box.mesh.tets)}
     np.testing.assert_array_equal(model.unknown < 0, box.unknown < 0)
@@ -155,11 +157,13 @@ def test_flat_sides_of_the_bounding_box_can_be_held_too(tmp_path: Path) -> None:
     path, held = write_box(tmp_path, "box.vtu")
     plain = Scenario.load(box_fields(path)).tissue
     both = Scenario.load(box_fields(path, fixed_faces=["x_max"], fixed_sets=[held])).tissue
-    mesh = TissueModel.from_scenario(plain).mesh
+    mesh = tissue_model(plain).mesh
     assert plain.fixed_faces == ("y_min", "y_max")
-    np.testing.assert_array_equal(held_nodes(mesh, plain), np.union1d(BOX.faces["y_min"], BOX.faces["y_max"]))
+    np.testing.assert_array_equal(
+        held_nodes(mesh, plain.fixed_faces, plain.fixed_sets), np.union1d(BOX.faces["y_min"], BOX.faces["y_max"])
+    )
     expected = np.unique(np.concatenate([BOX.faces[face] for face in ("x_max", "y_min", "y_max")]))
-    np.testing.assert_array_equal(held_nodes(TissueModel.from_scenario(both).mesh, both), expected)
+    np.testing.assert_array_equal(held_nodes(tissue_model(both).mesh, both.fixed_faces, both.fixed_sets), expected)
 
 
 @pytest.mark.parametrize("unit_mm", [1000.0, 25.4])

@@ -13,9 +13,9 @@ from scipy.spatial import Delaunay
 from simcore.contact.ball import Ball, weights_of_ball
 from simcore.mesh.bounding_tree import LEAF, BoundingTree
 from simcore.mesh.mesh import Mesh, box_mesh
+from simcore.mesh.numbering import free_node_order, half_bandwidth
 from simcore.mesh.quality import fault_of_mesh
 from simcore.mesh.tet_mesh import TetMesh
-from simcore.tissue.model import free_node_order, half_bandwidth
 
 Vector = NDArray[np.float64]
 Indices = NDArray[np.int64]
@@ -133,8 +133,7 @@ def ball(mesh: Mesh, centre: Vector, radius_m: float) -> Vector:
     quadrature = Ball.of_radius(radius_m, mesh)
     slot = np.full(len(mesh.nodes_m), -1)
     nodes, weights = np.zeros(quadrature.capacity, np.int64), np.zeros(quadrature.capacity)
-    tables = (quadrature.offsets_m, quadrature.kernel, quadrature.cell_m, mesh.geometry)
-    count = weights_of_ball(centre, *tables, slot, nodes, weights)
+    count = weights_of_ball(centre, quadrature.rule, slot, nodes, weights)
     assert count <= quadrature.capacity
     assert (slot == -1).all()
     full = np.zeros(len(mesh.nodes_m))

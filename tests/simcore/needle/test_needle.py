@@ -12,7 +12,7 @@ from scipy.optimize import brentq
 from scipy.spatial.transform import Rotation
 
 from simcore.errors import Status
-from simcore.needle.beam import internal
+from simcore.needle.beam import BeamForces, internal
 from simcore.needle.model import (
     NeedleModel,
     StaticSolution,
@@ -26,11 +26,12 @@ from simcore.needle.model import (
 )
 from simcore.needle.shaft import shaft_columns, shaft_frame, shaft_weights
 from simcore.rotations import exp_map
+from simcore.scenario.build import needle_model
 from simcore.scenario.scenario import Needle
 from tests.verification import verify
 
 Vector = np.ndarray
-EIGHTEEN_GAUGE = NeedleModel.from_scenario(Needle())
+EIGHTEEN_GAUGE = needle_model(Needle())
 check = partial(verify, "needle")
 RIGID = 1e6  # EA and kGA of the inextensible rods: EI / (EA L^2) = 1e-6
 
@@ -49,9 +50,8 @@ def unit_rod(elements: int, *, axial_n: float = RIGID, shear_n: float = math.inf
 
 
 def evaluate(model: NeedleModel, x: Vector, R: Vector) -> tuple[Vector, Vector, Vector, Vector]:
-    n = model.elements
-    out = np.empty((n + 1, 6)), np.empty((n + 1, 6, 6)), np.empty((n, 6, 6)), np.empty((n, 6, 6))
-    internal(x, R, *model.constants, *out)
+    out = BeamForces.of_size(model.elements)
+    internal(x, R, model.section, out)
     return out
 
 

@@ -16,7 +16,8 @@ import numpy as np
 import pytest
 
 from simcore.errors import Status
-from simcore.rollout.rollout import UNDIGESTED, Rollout, digest, run
+from simcore.rollout.result import UNDIGESTED, Rollout, digest
+from simcore.rollout.rollout import run
 from simcore.scenario.scenario import Scenario
 from tests.verification import verify
 

@@ -20,8 +20,10 @@ from simcore.metrics import MEASURED
 from simcore.rollout import rollout as module
 from simcore.rollout.artefacts import write
 from simcore.rollout.records import Scene, StepRecord
-from simcore.rollout.rollout import UNDIGESTED, Rollout, digest, run
+from simcore.rollout.result import UNDIGESTED, Rollout, digest
+from simcore.rollout.rollout import run
 from simcore.scenario.scenario import Scenario
+from simcore.trajectory import held_noise
 from tests.simcore.short_run import LINE, STEPS, replay, short
 from tests.strategies import small_runs
 from tests.verification import verify
@@ -179,8 +181,11 @@ def test_without_noise_the_seed_changes_nothing() -> None:
 
 
 def test_noise_is_bounded_and_only_on_what_the_controller_sees(plain: Rollout) -> None:
+    """It is the held noise of the scenario's seed and amplitude, 0.25 mm, to rounding."""
     noise = plain.series["target_noisy_m"] - plain.series["target_m"]
-    assert 0.2e-3 < np.abs(noise).max() <= 0.25e-3 * (1 + 1e-9)
+    expected = held_noise(np.random.default_rng(11), amplitude_m=0.25e-3, hold_s=0.01, dt_s=0.1, steps=len(noise) - 1)
+    np.testing.assert_allclose(noise, expected, atol=1e-16)
+    assert np.abs(noise).max() > 0.2e-3
 
 
 # ---- the observer

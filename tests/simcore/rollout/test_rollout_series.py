@@ -9,7 +9,8 @@ import numpy as np
 import pytest
 
 from simcore.errors import Status
-from simcore.rollout.rollout import Rollout, run
+from simcore.rollout.result import Rollout
+from simcore.rollout.rollout import run
 from simcore.rotations import log_map, matrix_from_quaternion
 from tests.simcore.short_run import LINE, STEPS, replay, short
 

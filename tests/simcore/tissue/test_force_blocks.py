@@ -3,13 +3,14 @@
 import numpy as np
 import pytest
 
+from simcore.scenario.build import tissue_model
 from simcore.scenario.scenario import Tissue
 from simcore.tissue.force_blocks import LANES, ForceBlocks
 from simcore.tissue.model import TissueModel, elastic_forces
 
 
 def model(element_mm: float = 10.0) -> TissueModel:
-    return TissueModel.from_scenario(Tissue(size_mm=(24.0, 40.0, 50.0), element_size_mm=element_mm))
+    return tissue_model(Tissue(size_mm=(24.0, 40.0, 50.0), element_size_mm=element_mm))
 
 
 def plain(tissue: TissueModel, x: np.ndarray) -> tuple[np.ndarray, np.ndarray, float]:

@@ -11,8 +11,8 @@ from scipy.linalg import cho_factor, cho_solve
 from simcore.errors import ScenarioError
 from simcore.insertion.insertion import Insertion, InsertionState
 from simcore.rollout.rollout import run
+from simcore.scenario.build import breathing_motion, insertion_of
 from simcore.scenario.scenario import Breathing, Scenario, Still
-from simcore.tissue.breathing import BreathingMotion
 from simcore.tissue.model import rotated_stiffness_times
 from tests.simcore.block import Vector, advanced, block_scenario, moved, straight_poses
 
@@ -21,7 +21,7 @@ BREATH = {"kind": "breathing", "amplitude_mm": 6.0, "period_s": 0.5, "direction"
 
 def lone_tissue(steps: int, **blocks: Any) -> tuple[Insertion, list[InsertionState]]:
     """Steps without a needle: its base has been pulled back by 40 mm."""
-    insertion = Insertion(block_scenario(**blocks))
+    insertion = insertion_of(block_scenario(**blocks))
     state = insertion.initial_state(np.array([0.0, 0.0, 1.0]))
     base, states = moved(state.base, np.array([0.0, 0.0, -0.04])), [state]
     for _ in range(steps):
@@ -31,7 +31,7 @@ def lone_tissue(steps: int, **blocks: Any) -> tuple[Insertion, list[InsertionSta
 
 def test_the_curve() -> None:
     """u = A (1 - cos(2 pi t / T)) d: from rest to twice the amplitude and back, with the slope of its derivative."""
-    motion = BreathingMotion.from_scenario(Breathing(amplitude_mm=6.0, period_s=4.0, direction=(0.0, 3.0, 4.0)))
+    motion = breathing_motion(Breathing(amplitude_mm=6.0, period_s=4.0, direction=(0.0, 3.0, 4.0)))
     assert motion is not None
     along = np.array([0.0, 0.6, 0.8])
     for t in (0.0, 0.3, 1.0, 2.0, 3.7, 4.0, 9.1):
@@ -48,7 +48,7 @@ def test_the_curve() -> None:
 def test_the_default_is_the_cited_breath() -> None:
     """specification of the tissue: 12 mm peak to peak at 0.25 Hz; off unless asked for."""
     assert isinstance(Scenario().motion, Still)
-    assert BreathingMotion.from_scenario(Scenario().motion) is None
+    assert breathing_motion(Scenario().motion) is None
     breath = Scenario.load({"motion": {"kind": "breathing"}}).motion
     assert isinstance(breath, Breathing)
     assert (2 * breath.amplitude_mm, 1 / breath.period_s, breath.direction) == (12.0, 0.25, (0.0, 0.0, 1.0))
@@ -80,7 +80,7 @@ def test_an_unloaded_tissue_moves_as_one_piece(faces: list[str]) -> None:
     for i, state in enumerate(states):
         np.testing.assert_allclose(state.bodies.x, rest + motion.shift_m(0.01 * i), atol=1e-15)
         assert state.report.min_det_f == pytest.approx(1.0, abs=1e-12)
-    assert np.abs(insertion.coupled.held).max() < 1e-12
+    assert np.abs(insertion.workspace.held_n).max() < 1e-12
     assert np.abs(states[25].bodies.x - rest).max() > 9e-3
 
 
@@ -94,7 +94,7 @@ def test_after_one_breath_the_tissue_is_where_it_was() -> None:
 
 def test_held_nodes_are_exactly_where_they_are_prescribed() -> None:
     """To the last bit, also while a needle is pushed in; the rest of the tissue is deformed by it."""
-    insertion = Insertion(block_scenario(motion=BREATH))
+    insertion = insertion_of(block_scenario(motion=BREATH))
     state = insertion.initial_state(np.array([0.0, 0.0, 1.0]))
     held, rest = insertion.tissue.unknown < 0, insertion.tissue.mesh.nodes_m
     assert insertion.motion is not None
@@ -108,7 +108,7 @@ def test_held_nodes_are_exactly_where_they_are_prescribed() -> None:
 
 def test_a_step_depends_on_its_state_alone() -> None:
     """The time of the motion is part of the state: the same step twice, and in another order, is the same."""
-    insertion = Insertion(block_scenario(motion=BREATH))
+    insertion = insertion_of(block_scenario(motion=BREATH))
     first = insertion.initial_state(np.array([0.0, 0.0, 1.0]))
     poses = straight_poses(first.base, np.array([0.002, 0.004]))
     second = insertion.step(first, poses[0])
@@ -129,7 +129,7 @@ def test_a_breath_of_no_depth_is_no_breath() -> None:
 def linear_response(insertion: Insertion, steps: int) -> list[Vector]:
     """Displacements (n, 3) of the small-strain tissue under the same motion: dense implicit Euler,
     M (v+ - v) / dt + (alpha M + beta K) v+ + K u+ = 0 on the free nodes."""
-    t, dt = insertion.tissue, insertion.scenario.dt_s
+    t, dt = insertion.tissue, insertion.model.dt_s
     n, motion = len(t.mesh.nodes_m), insertion.motion
     assert motion is not None
     stiff, column = np.empty((3 * n, 3 * n)), np.empty((n, 3))

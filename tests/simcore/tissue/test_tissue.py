@@ -179,8 +179,7 @@ def test_band_is_the_matrix_free_product(faces: tuple[str, ...]) -> None:
     rotations, rng = random_rotations(model), np.random.default_rng(3)
     diagonal = rng.uniform(0.1, 1.0, len(model.mesh.nodes_m))
     band = np.empty((model.band + 1, model.unknowns), order="F")
-    material = (model.gradients, model.volumes_m3, model.mu_pa, model.lambda_pa)
-    assemble_band(model.mesh.tets, *material, rotations, model.unknown, 1.7, diagonal, band)
+    assemble_band(model.tetrahedra, rotations, model.unknown, 1.7, diagonal, band)
     v, free = np.zeros_like(model.mesh.nodes_m), model.unknown >= 0
     v[free] = rng.normal(size=(free.sum(), 3))
     expected = (1.7 * stiffness_times(model, v, rotations) + diagonal[:, None] * v)[free]

@@ -9,8 +9,9 @@ from typing import Any
 import numpy as np
 import pytest
 
-from simcore.insertion.insertion import Insertion
-from simcore.rollout.rollout import Rollout, run
+from simcore.rollout.result import Rollout
+from simcore.rollout.rollout import material_path, run
+from simcore.scenario.build import insertion_of
 from simcore.trajectory import polyline_distance_m
 from tests.simcore.block import Vector, block_scenario, moved
 
@@ -53,7 +54,9 @@ def path_points(rollout: Rollout, count: int) -> Vector:
 
 def test_without_a_needle_the_carried_point_breathes() -> None:
     """Rigid translation: every material point moves with the held faces."""
-    insertion = Insertion(block_scenario(motion={**BREATH, "period_s": 0.5, "direction": [1.0, 2.0, 3.0]}))
+    scenario = block_scenario(motion={**BREATH, "period_s": 0.5, "direction": [1.0, 2.0, 3.0]})
+    insertion = insertion_of(scenario)
+    path = material_path(insertion, scenario.path())
     state = insertion.initial_state(np.array([0.0, 0.0, 1.0]))
     away = moved(state.base, np.array([0.0, 0.0, -0.04]))
     point = np.array([0.013, 0.017, 0.031])
@@ -61,8 +64,9 @@ def test_without_a_needle_the_carried_point_breathes() -> None:
     for i in range(1, 20):
         state = insertion.step(state, away)
         shift = insertion.motion.shift_m(0.01 * i)
-        np.testing.assert_allclose(insertion.carried(state, point), point + shift, atol=1e-14)
-        np.testing.assert_allclose(insertion.carried_path(state)[-1] - shift, [0.012, 0.02, 0.06], atol=1e-14)
+        end = path.positions(state.bodies.x, insertion.tissue.mesh.nodes_m)[-1]
+        np.testing.assert_allclose(insertion.material_point_position(state, point), point + shift, atol=1e-14)
+        np.testing.assert_allclose(end - shift, [0.012, 0.02, 0.06], atol=1e-14)
 
 
 def test_the_target_in_the_tissue_frame_is_a_material_point() -> None:

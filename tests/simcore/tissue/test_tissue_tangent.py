@@ -6,14 +6,15 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+from simcore.scenario.build import tissue_model
 from simcore.scenario.scenario import Tissue
-from simcore.tissue.model import TissueModel, elastic_forces, rotated_stiffness_times
-from simcore.tissue.tangent import tangent_times
+from simcore.tissue.model import elastic_forces, rotated_stiffness_times
+from simcore.tissue.tangent import Dynamics, tangent_times
 from tests.verification import verify
 
 Vector = NDArray[np.float64]
 
-MODEL = TissueModel.from_scenario(Tissue(size_mm=(20.0, 30.0, 20.0), element_size_mm=10.0))
+MODEL = tissue_model(Tissue(size_mm=(20.0, 30.0, 20.0), element_size_mm=10.0))
 DT_S = 0.01
 
 
@@ -46,7 +47,7 @@ def products(moves: Vector, beta: float, inertia: Vector) -> Vector:
     x, x_old = deformed()
     rotations = np.tile(np.eye(3).ravel(), (len(MODEL.mesh.tets), 1))
     forces(x, x_old, rotations, beta)
-    return tangent_times(moves, x, x_old, *material(rotations), MODEL.unknown, inertia, beta, DT_S)
+    return tangent_times(moves, x, x_old, MODEL.tetrahedra, rotations, MODEL.unknown, Dynamics(inertia, beta, DT_S))
 
 
 @pytest.mark.parametrize("beta", [0.0, 0.003])
@@ -76,10 +77,9 @@ def test_elastic_tangent_is_symmetric() -> None:
 @pytest.mark.parametrize("shortening", [0.0, 0.1])
 def test_a_compressed_column_has_an_indefinite_tangent(shortening: float) -> None:
     """Why it is never factored: a column between two held faces buckles, one at rest does not."""
-    column = TissueModel.from_scenario(Tissue(size_mm=(10.0, 90.0, 10.0), element_size_mm=10.0))
+    column = tissue_model(Tissue(size_mm=(10.0, 90.0, 10.0), element_size_mm=10.0))
     x = column.mesh.nodes_m * [1.0, 1.0 - shortening, 1.0]
-    tets, rotations = column.mesh.tets, np.tile(np.eye(3).ravel(), (len(column.mesh.tets), 1))
-    fields = (column.gradients, column.volumes_m3, column.mu_pa, column.lambda_pa, rotations, column.unknown)
-    matrix = tangent_times(np.eye(column.unknowns), x, x, tets, *fields, np.zeros(len(x)), 0.0, DT_S)
+    rotations, still = np.tile(np.eye(3).ravel(), (len(column.mesh.tets), 1)), Dynamics(np.zeros(len(x)), 0.0, DT_S)
+    matrix = tangent_times(np.eye(column.unknowns), x, x, column.tetrahedra, rotations, column.unknown, still)
     lowest = np.linalg.eigvalsh(matrix)[0]
     assert bool(lowest > 0.0) is (shortening == 0.0)

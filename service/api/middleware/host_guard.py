@@ -1,0 +1,93 @@
+"""Refuses foreign Hosts and Origins, long addresses and long headers. A plain ASGI layer."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from urllib.parse import urlsplit
+
+from starlette.datastructures import Headers, MutableHeaders
+from starlette.types import ASGIApp, Message, Receive, Scope, Send
+
+from service.access import SAFE_METHODS
+from service.api.problems import problem_response
+from service.settings import is_loopback
+
+MAXIMUM_HEADER_BYTES = 16_000  # below what the HTTP server itself takes, which refuses without a problem+json
+MAXIMUM_URL_BYTES = 8_000
+_HEADERS = {"X-Content-Type-Options": "nosniff", "Cross-Origin-Resource-Policy": "same-origin"}
+
+
+class HostGuard:
+    """Refuses what a page from another origin makes a browser send, and keeps answers out of such pages.
+
+    On loopback the Host must be a loopback name, against DNS rebinding. Everywhere, a request that changes
+    something and names its origin must come from the service's own pages; one that reads may come from another
+    origin only as a link that somebody follows.
+    """
+
+    def __init__(self, app: ASGIApp, *, loopback: bool) -> None:
+        self._app = app
+        self._loopback = loopback
+
+    async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
+        """Handle one request (ASGI)."""
+        if scope["type"] != "http":
+            await self._app(scope, receive, send)
+            return
+
+        async def with_headers(message: Message) -> None:
+            if message["type"] == "http.response.start":
+                MutableHeaders(scope=message).update(_HEADERS)
+            await send(message)
+
+        refusal = _size_refusal(scope) or self._refusal(scope["method"], Headers(scope=scope))
+        if refusal is None:
+            await self._app(scope, receive, with_headers)
+            return
+        status, detail = refusal
+        await problem_response(status, detail, instance=scope["path"][:200])(scope, receive, with_headers)
+
+    def _refusal(self, method: str, headers: Headers) -> tuple[int, str] | None:
+        host = headers.get("host", "")
+        if self._loopback and not is_loopback(_host_name(f"//{host}")):
+            return 421, f"the Host header {host[:100]!r} is not a name of this machine, such as localhost"
+        site = headers.get("sec-fetch-site", "none")
+        if method in SAFE_METHODS:
+            if site == "cross-site" and headers.get("sec-fetch-mode") != "navigate":
+                return 403, "a page from another origin may not read this"
+            return None
+        origin = headers.get("origin")
+        if origin is not None and not same_origin(headers):
+            return 403, f"a page from {origin[:100]!r} may not change anything here"
+        if origin is None and site not in ("none", "same-origin"):
+            return 403, "a page from another origin may not change anything here"
+        return None
+
+
+def same_origin(headers: Mapping[str, str]) -> bool:
+    """Whether the Origin header names the host and port that the request was sent to."""
+    origin = _host_and_port(headers.get("origin", ""))
+    return bool(origin) and origin == headers.get("host", "").lower()
+
+
+def _size_refusal(scope: Scope) -> tuple[int, str] | None:
+    if len(scope.get("raw_path") or b"") + len(scope["query_string"]) > MAXIMUM_URL_BYTES:
+        return 414, f"the address is longer than {MAXIMUM_URL_BYTES} bytes"
+    if sum(len(name) + len(value) for name, value in scope["headers"]) > MAXIMUM_HEADER_BYTES:
+        return 431, f"the headers are longer than {MAXIMUM_HEADER_BYTES} bytes"
+    return None
+
+
+def _host_name(url: str) -> str:
+    try:
+        return urlsplit(url).hostname or ""
+    except ValueError:
+        return ""
+
+
+def _host_and_port(url: str) -> str:
+    """In lower case; empty when the URL has none or is malformed."""
+    try:
+        return urlsplit(url).netloc.lower()
+    except ValueError:
+        return ""

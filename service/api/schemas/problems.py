@@ -1,0 +1,26 @@
+"""The JSON of errors."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from pydantic import BaseModel
+
+
+class FieldError(BaseModel):
+    """One wrong field of a request."""
+
+    field: str
+    value: Any
+    message: str
+
+
+class ProblemDetails(BaseModel):
+    """RFC 9457. `errors` is there when fields of the request are wrong."""
+
+    type: str = "about:blank"
+    title: str
+    status: int
+    detail: str
+    instance: str | None = None
+    errors: list[FieldError] | None = None

@@ -1,0 +1,44 @@
+"""The client's calls about uploads."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from service.client.connection import Connection, part
+from service.client.records import UploadedFile
+
+
+class UploadCalls(Connection):
+    """Meshes, models and data sets."""
+
+    def upload(self, path: Path, *, kind: str | None = None) -> UploadedFile:
+        """Upload a tissue mesh, a model or a data set; kind: mesh, model or dataset, by default from the suffix.
+
+        The same content is the same upload. A scenario or a training refers to it by its `reference`.
+        """
+        kind = kind or {".json": "model", ".npz": "dataset"}.get(path.suffix.lower(), "mesh")
+        with path.open("rb") as file:
+            headers = {"Content-Type": "application/octet-stream"}
+            params = {"kind": kind, "name": path.name}
+            raw = self._json("POST", "/api/v1/uploads", params=params, content=file, headers=headers, timeout=300.0)
+        return UploadedFile.of(raw)
+
+    def upload_file(self, upload_id: str, path: Path) -> Path:
+        """Download an upload. Returns `path`."""
+        return self._download(f"/api/v1/uploads/{part(upload_id)}/content", path)
+
+    def pin_upload(self, upload_id: str) -> UploadedFile:
+        """Keep it when old uploads are removed."""
+        return UploadedFile.of(self._json("POST", f"/api/v1/uploads/{part(upload_id)}/pin"))
+
+    def unpin_upload(self, upload_id: str) -> None:
+        """Allow it to be removed again."""
+        self._request("DELETE", f"/api/v1/uploads/{part(upload_id)}/pin")
+
+    def uploads(self) -> list[UploadedFile]:
+        """All uploads, newest first."""
+        return [UploadedFile.of(raw) for raw in self._json("GET", "/api/v1/uploads", params={"limit": 1000})["items"]]
+
+    def delete_upload(self, upload_id: str) -> None:
+        """Delete an upload that is not pinned and that no queued or running job uses."""
+        self._request("DELETE", f"/api/v1/uploads/{part(upload_id)}")

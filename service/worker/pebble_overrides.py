@@ -1,0 +1,23 @@
+"""What is set or relied on inside pebble, the library of worker processes; written for the versions named here."""
+
+from __future__ import annotations
+
+import multiprocessing
+from collections.abc import Callable
+from typing import Any
+
+import pebble
+
+WRITTEN_FOR = ("pebble", "5.2", "5.3")  # from this version, below that one
+TERM_TIMEOUT_S = 0.2  # between SIGTERM and SIGKILL; pebble's own 3 s block whoever waits meanwhile
+
+
+def single_worker_pool(initializer: Callable[..., None], *arguments: Any) -> pebble.ProcessPool:
+    """A pool of one process, started by spawn, which runs `initializer(*arguments)` first."""
+    pebble.CONSTS.term_timeout = TERM_TIMEOUT_S
+    return pebble.ProcessPool(
+        max_workers=1,
+        initializer=initializer,
+        initargs=arguments,
+        context=multiprocessing.get_context("spawn"),
+    )

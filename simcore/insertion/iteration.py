@@ -1,0 +1,186 @@
+"""The parts of an iteration: begin, evaluate, converged, correct."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from simcore.arrays import Floats, Singles
+from simcore.contact.channel import Channel, Phase, inserted_rest_length, tributary_lengths
+from simcore.contact.kernels import (
+    ConstraintPoints,
+    Inertia,
+    Motion,
+    TissueShape,
+    add_needle_forces,
+    constraint_geometry,
+    free_residual,
+    move_nodes,
+    moved_shaft,
+    needle_residual,
+    project_inactive,
+    tissue_moves,
+    to_local,
+    to_world,
+)
+from simcore.contact.laws import Response, Staircase, law_residual, solve_laws, staircases
+from simcore.insertion.model import CoupledModel
+from simcore.insertion.response import NeedleResponse, linear_response
+from simcore.insertion.state import ActiveSet, Bodies, Goal, Guess, Iterate, Residuals, Workspace
+from simcore.needle.beam import internal
+from simcore.needle.model import advance, solve_blocks
+from simcore.needle.shaft import Shaft
+from simcore.rotations import log_map
+from simcore.tissue.model import rotated_stiffness_times
+
+
+def begin(
+    model: CoupledModel, workspace: Workspace, channel: Channel, first: Guess, goal: Goal
+) -> tuple[ActiveSet, Iterate]:
+    """Fix the active elements and their staircases for this step; the iterate begins at `first` and moves its bodies.
+
+    The base's difference from the first iterate is handed to the first correction as a prescribed displacement.
+    """
+    bodies = first.bodies
+    if goal.held_shift_m is not None:
+        move_held(model, bodies.x, goal.held_shift_m)
+    turn = log_map(goal.base.rotation @ bodies.needle_R[0].T)
+    elements = channel.active_elements()
+    a, contact = len(elements), channel.phase is Phase.CONTACT
+    active = ActiveSet(channel, contact, elements, channel.balls, Staircase.of_size(a))
+    law, mode, arcs = model.law, first.mode.copy(), channel.arc_m[elements]
+    staircases(contact, elements, arcs, model.needle.length_m, law.cutting_n, law.puncture_n, mode, active.stair)
+    workspace.compliance.sync(channel)
+    points = ConstraintPoints(
+        arc=arcs,
+        speed=np.ones(a),
+        frames=np.zeros((a, 3, 3)),
+        gap=np.zeros((a, 3)),
+        beams=np.zeros(a, np.int64),
+        columns=np.zeros((a, 3, 12)),
+        places=np.zeros((a, 3)),
+    )
+    if contact:
+        points.frames[:] = model.surface_frame
+    at = Iterate(
+        bodies=bodies,
+        base_gap=np.concatenate([goal.base.position_m - bodies.needle_x[0], turn]),
+        force_n=first.force_n,
+        mode=mode,
+        points=points,
+        all_arcs_m=channel.arc_m.copy(),
+        slide=np.zeros(2),
+        adhesion_n=np.zeros(a),
+    )
+    return active, at
+
+
+def move_held(model: CoupledModel, x: Floats, shift_m: Floats) -> None:
+    """Put the held nodes exactly where they are prescribed; in the first iterate all others go along with them."""
+    held = model.tissue.unknown < 0
+    places = model.channel.rest_m[held] + shift_m
+    x += places[0] - x[held][0]
+    x[held] = places
+
+
+def evaluate(model: CoupledModel, workspace: Workspace, start: Bodies, active: ActiveSet, at: Iterate) -> Residuals:
+    """True residuals at the present iterate."""
+    tissue, bodies, dt = model.tissue, at.bodies, model.dt_s
+    at.min_det_f = workspace.blocks.evaluate(bodies.x, workspace.held_n)
+    if tissue.stiffness_damping_s > 0.0:
+        rotations = workspace.blocks.rotations()
+        rotated_stiffness_times((bodies.x - start.x) / dt, *tissue.tetrahedra, rotations, workspace.damping_n)
+    internal(bodies.needle_x, bodies.needle_R, model.needle.section, workspace.beams)
+    locate_constraints(model, workspace, active, at)
+    motion = Motion(bodies.x, start.x, start.v, dt)
+    inertia = Inertia(tissue.masses_kg, tissue.mass_damping_per_s, tissue.stiffness_damping_s)
+    free_residual(workspace.held_n, workspace.damping_n, motion, inertia, tissue.unknown, workspace.right)
+    residual = add_needle_forces(active.elements, active.balls, at.force_n, tissue.unknown, workspace.right)
+    needle_residual(workspace.beams.forces, at.points.beams, at.points.columns, at.force_n, workspace.needle_rest)
+    free = np.abs(workspace.needle_rest[1:])
+    residual = max(residual, free[:, :3].max(), free[:, 3:].max() / model.needle.element_length_m)
+    law = law_residual(at.law(model, active), to_local(at.points.frames, at.force_n), at.mode)
+    return Residuals(residual, _violation(active, at), law)
+
+
+def locate_constraints(model: CoupledModel, workspace: Workspace, active: ActiveSet, at: Iterate) -> None:
+    """Geometry of the constraints at the present iterate, and how much channel and adhesion belong to each."""
+    channel, needle = active.channel, model.needle
+    tissue = TissueShape(at.bodies.x, model.channel.rest_m)
+    shaft = Shaft(at.bodies.needle_x, at.bodies.needle_R, needle.element_length_m)
+    constraint_geometry(
+        active.contact, active.elements, active.balls, tissue, shaft, at.mode, active.stair.breaks, at.points
+    )
+    if active.contact:
+        return
+    at.all_arcs_m[active.elements] = at.points.arc
+    project_inactive(channel.count, channel.active, active.balls, tissue, shaft, at.all_arcs_m)
+    at.inserted_m = inserted_rest_length(channel.depth_m, at.all_arcs_m, channel.count, needle.length_m)
+    tributary_lengths(channel.depth_m, channel.active, channel.count, at.inserted_m, workspace.tributary_m)
+    at.adhesion_n = model.law.adhesion_n_per_m * workspace.tributary_m[active.elements]
+
+
+def _violation(active: ActiveSet, at: Iterate) -> float:
+    if not len(active.elements):
+        return 0.0
+    gap = at.points.gap[:, 2:] if active.contact and at.slide.any() else at.points.gap
+    return float(np.abs(gap).max())
+
+
+def converged(model: CoupledModel, at: Iterate, residuals: Residuals) -> bool:
+    """Whether the base is at its goal and every residual within its tolerance."""
+    return (
+        not at.base_gap.any()
+        and max(residuals.force_n, residuals.law_n) <= model.tolerances.force_n
+        and residuals.violation_m <= model.tolerances.violation_m
+    )
+
+
+def correct(model: CoupledModel, workspace: Workspace, active: ActiveSet, at: Iterate) -> bool:
+    """One correction of tissue, needle and forces; False if the contact laws found no consistent state."""
+    a, points = len(active.elements), at.points
+    needle = linear_response(active, points, workspace.beams, workspace.compliance.between_points)
+    tissue_step = workspace.compliance.solve(workspace.right)
+    needle_step = _needle_step(workspace, needle, at)
+    tissue_part, shaft_part = np.empty((a, 3)), np.empty((a, 3, 1))
+    tissue_moves(active.elements, active.balls, model.tissue.unknown, tissue_step, tissue_part)
+    moved_shaft(points.beams, points.columns, at.base_gap[:, None], needle_step, shaft_part)
+    gap = points.gap + to_local(points.frames, tissue_part - shaft_part[:, :, 0])
+    force, new_force, new_arc = to_local(points.frames, at.force_n), np.empty((a, 3)), np.empty(a)
+    response = Response(needle.w, gap, points.arc, points.speed, force)
+    try:
+        settled = a == 0 or solve_laws(response, at.law(model, active), at.mode, at.slide, new_force, new_arc)
+    except np.linalg.LinAlgError:
+        settled = False
+    if not settled:
+        return False
+    change = to_world(points.frames, new_force - force)
+    at.force_n = at.force_n + change
+    points.arc[:] = new_arc
+    moves = np.zeros((model.needle.elements + 1, 6))
+    moves[0] = at.base_gap
+    moves[1:] = needle_step[:, :, 0] - needle.per_force @ change.ravel()
+    advance(at.bodies.needle_x, at.bodies.needle_R, moves)
+    at.base_gap = np.zeros(6)
+    move_tissue(model, workspace, active, at, tissue_step, change)
+    return True
+
+
+def _needle_step(workspace: Workspace, needle: NeedleResponse, at: Iterate) -> Floats:
+    """(n, 6, 1) m, rad: moves of the needle's free nodes under their residual and the prescribed move of the base."""
+    step = workspace.needle_rest[1:, :, None].copy()
+    step[0, :, 0] -= workspace.beams.lower[0] @ at.base_gap
+    solve_blocks(*needle.factor, workspace.beams.upper[1:], step)
+    return step
+
+
+def move_tissue(
+    model: CoupledModel, workspace: Workspace, active: ActiveSet, at: Iterate, step: Singles, change: Floats
+) -> None:
+    """Move the free nodes by `step` (unknowns,) m and by what the `change` (a, 3) N of the forces adds to it."""
+    count = active.channel.count
+    full = np.zeros((count, 3), np.float32)
+    columns = workspace.compliance.columns[:count].reshape(3 * count, -1)
+    with np.errstate(over="ignore", invalid="ignore"):  # a diverging step is named when it is evaluated
+        full[active.elements] = change
+        step += full.ravel() @ columns
+    move_nodes(model.tissue.unknown, step, at.bodies.x)

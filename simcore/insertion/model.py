@@ -1,0 +1,48 @@
+"""The coupled problem of tissue and needle: all that a run never changes."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+from simcore.arrays import Floats
+from simcore.contact.channel import ChannelModel
+from simcore.contact.kernels import frame_along
+from simcore.contact.laws import ContactLaw
+from simcore.needle.model import NeedleModel
+from simcore.tissue.model import TissueModel
+
+
+@dataclass(frozen=True)
+class Tolerances:
+    """When a step counts as converged. Results must not depend on it: see the convergence tests.
+
+    force_n: largest nodal force residual and largest distance from a contact law. violation_m: largest gap of an active
+    constraint. max_iterations: corrections of a step before it is a failure.
+    """
+
+    force_n: float = 1e-5
+    violation_m: float = 1e-8
+    max_iterations: int = 60
+
+
+@dataclass(frozen=True)
+class CoupledModel:
+    """Both bodies, the channel between them, the laws of contact, and how well and in what steps all is solved."""
+
+    tissue: TissueModel
+    needle: NeedleModel
+    channel: ChannelModel
+    law: ContactLaw
+    tolerances: Tolerances
+    entry_m: Floats  # (3,) m, on the surface: where the needle enters
+    dt_s: float
+
+    @cached_property
+    def surface_frame(self) -> Floats:
+        """(3, 3) rows n1, n2 and the inward normal of the surface at the entry: the frame of the surface contact."""
+        frame = np.empty((3, 3))
+        frame_along(self.channel.inward, frame)
+        return frame

@@ -1,0 +1,66 @@
+"""The result of a run, and the digest that says whether two runs did the same to the bit."""
+
+from __future__ import annotations
+
+import hashlib
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from simcore.errors import Status
+from simcore.provenance import provenance
+from simcore.scenario.scenario import Scenario
+
+TIMES = ("plant_s", "jacobian_s", "command_s", "recording_s")  # clock readings of a step, s
+FRAMES = ("tissue_m", "tissue_frame_step")  # kept tissue states and their steps
+UNDIGESTED = (*TIMES, *FRAMES)  # of a series: clock readings, and frames of which the last one is digested
+
+
+@dataclass(frozen=True)
+class Rollout:
+    """One finished run: how it ended, what happened, what it is worth, how long it took."""
+
+    scenario: Scenario
+    status: Status
+    message: str
+    series: dict[str, NDArray[Any]]
+    metrics: dict[str, Any]
+    timing: dict[str, Any]
+    solver: dict[str, Any]
+
+    @property
+    def success(self) -> bool:
+        """Completed, reached the end, never lost the target (see `metrics`)."""
+        return bool(self.metrics["success"])
+
+    @property
+    def digest(self) -> str:
+        """SHA-256 over the state series and the last tissue positions, names and shapes included; timings left out."""
+        return digest(self.series)
+
+    def result(self) -> dict[str, Any]:
+        """The content of result.json."""
+        return {
+            "status": str(self.status),
+            "message": self.message,
+            "metrics": self.metrics,
+            "timing": self.timing,
+            "solver": self.solver,
+            "digest": self.digest,
+            "warnings": self.scenario.warnings(),
+            "provenance": provenance(self.scenario.resolved()),
+        }
+
+
+def digest(series: dict[str, NDArray[Any]]) -> str:
+    """SHA-256 of a series' state arrays in the order of their names."""
+    state = {name: array for name, array in series.items() if name not in UNDIGESTED}
+    state["tissue_last_m"] = series["tissue_m"][-1]
+    hashed = hashlib.sha256()
+    for name in sorted(state):
+        array = np.ascontiguousarray(state[name])
+        hashed.update(f"{name}{array.dtype.str}{array.shape}".encode())
+        hashed.update(array.tobytes())
+    return hashed.hexdigest()

@@ -1,0 +1,427 @@
+"""The commands that need no service, with a run that costs nothing in place of the simulation."""
+
+from __future__ import annotations
+
+import ctypes.util
+import json
+import subprocess
+import sys
+import types
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import click
+import numpy as np
+import pytest
+from click.testing import CliRunner, Result
+
+import simcore.rollout
+from service.cli import main as cli
+from service.cli.main import main
+from service.recording.observer import RerunObserver
+from simcore.scenario.presets import preset, preset_names
+from simcore.scenario.scenario import Scenario
+from tests.service.fake_run import FakeRollout, FakeRun
+from tests.service.recording.test_recording import recorded, short
+
+FILES = {"result.json", "series.npz", "recording.rrd"}
+
+VULKAN = ctypes.util.find_library("vulkan") and list(Path("/usr/share/vulkan/icd.d").glob("*.json"))
+
+
+class Simulation:
+    """Stands in for simcore.rollout.rollout and simcore.rollout.artefacts; remembers what it was asked to run."""
+
+    def __init__(self) -> None:
+        self.scenarios: list[Scenario] = []
+        self.status, self.success = "completed", True
+        self.stop_at: int | None = None
+        self.error: BaseException | None = None
+        self.write_error: BaseException | None = None
+
+    def run(self, scenario: Scenario, observer: Any) -> FakeRollout:
+        self.scenarios.append(scenario)
+        rollout = FakeRun(scenario, stop_at=self.stop_at, error=self.error).run(observer)
+        rollout.status, rollout.success = self.status, self.success
+        return rollout
+
+    def write(self, rollout: FakeRollout, folder: Path) -> None:
+        np.savez(folder / "series.npz", t_s=np.zeros(3))
+        if self.write_error is not None:
+            raise self.write_error
+        (folder / "result.json").write_text(json.dumps(rollout.result()))
+
+
+@pytest.fixture
+def simulation(monkeypatch: pytest.MonkeyPatch) -> Simulation:
+    fake = Simulation()
+    for name, function in (("rollout", "run"), ("artefacts", "write")):
+        module = types.SimpleNamespace(**{function: getattr(fake, function)})
+        monkeypatch.setitem(sys.modules, f"simcore.rollout.{name}", module)
+        monkeypatch.setattr(simcore.rollout, name, module, raising=False)
+    return fake
+
+
+@pytest.fixture
+def source(tmp_path: Path) -> str:
+    path = tmp_path / "mine.json"
+    path.write_text(json.dumps(short().resolved()))
+    return str(path)
+
+
+def invoke(*arguments: str, **options: Any) -> Result:
+    return CliRunner().invoke(main, list(arguments), prog_name="needlebench", **options)
+
+
+def test_help_teaches_and_lists_every_command() -> None:
+    result = invoke("--help")
+    assert result.exit_code == 0
+    positions = [result.output.index(f"\n  {name} ") for name in cli._COMMANDS]
+    assert positions == sorted(positions)
+    assert "needlebench scenario demo > mine.json\n  needlebench run" in result.output.replace("    ", "  ")
+
+
+@pytest.mark.parametrize("option", ["--help", "--version"])
+def test_help_and_version_import_no_numbers(option: str) -> None:
+    code = f"""
+import sys
+from service.cli.main import main
+try:
+    main([{option!r}])
+except SystemExit as ended:
+    assert ended.code == 0
+heavy = {{"numpy", "numba", "scipy", "rerun", "pydantic", "fastapi", "sqlalchemy", "rich"}} & set(sys.modules)
+assert not heavy, heavy
+"""
+    root = Path(cli.__file__).parents[2]
+    subprocess.run([sys.executable, "-c", code], cwd=root, check=True, stdout=subprocess.DEVNULL)
+
+
+def test_the_module_runs_as_a_program() -> None:
+    root = Path(cli.__file__).parents[2]
+    command = [sys.executable, "-m", "service.cli", "--version"]
+    done = subprocess.run(command, cwd=root, check=True, capture_output=True, text=True)
+    assert done.stdout.startswith("needlebench ")
+
+
+def test_an_unknown_command_is_told_what_there_is() -> None:
+    result = invoke("rum")
+    assert result.exit_code == 2
+    assert "No such command 'rum'. There are: demo, scenario, run" in result.stderr
+
+
+@pytest.mark.parametrize("name", ["scenario", "run", "view"])
+def test_every_command_has_help_with_an_example(name: str) -> None:
+    result = invoke(name, "--help")
+    assert result.exit_code == 0
+    assert f"needlebench {name}" in result.output
+
+
+def test_scenario_lists_the_built_in_ones() -> None:
+    result = invoke("scenario")
+    assert [line.split()[0] for line in result.stdout.splitlines()] == list(preset_names())
+
+
+def test_scenario_prints_one_that_loads_again() -> None:
+    result = invoke("scenario", "sine")
+    assert Scenario.load(result.stdout) == preset("sine")
+
+
+def test_scenario_with_an_unknown_name() -> None:
+    result = invoke("scenario", "cosine")
+    assert (result.exit_code, result.stdout) == (2, "")
+    assert result.stderr.startswith("needlebench: scenario = 'cosine': is not a built-in scenario")
+
+
+def test_run_writes_everything_and_reports(simulation: Simulation, source: str, tmp_path: Path) -> None:
+    out = tmp_path / "results" / "first"
+    result = invoke("run", source, "--out", str(out))
+    assert result.exit_code == 0, result.output
+    assert {path.name for path in out.iterdir()} == FILES
+    assert simulation.scenarios == [short()]
+    for text in ("short: completed", "rmse_mm", "0.25", "realtime_factor", "0123456789abcdef", "recording.rrd"):
+        assert text in result.stdout
+    assert result.stderr == ""
+
+
+def test_run_without_recording(simulation: Simulation, source: str, tmp_path: Path) -> None:
+    out = tmp_path / "out"
+    result = invoke("run", source, "--out", str(out), "--set", "recording.enabled=false")
+    assert result.exit_code == 0
+    assert {path.name for path in out.iterdir()} == FILES - {"recording.rrd"}
+
+
+@pytest.mark.parametrize(("status", "success"), [("completed", False), ("not_converged", False), ("inverted", True)])
+def test_run_without_success_is_a_result_with_exit_3(
+    simulation: Simulation, source: str, tmp_path: Path, status: str, success: bool
+) -> None:
+    simulation.status, simulation.success = status, success
+    result = invoke("run", source, "--out", str(tmp_path / "out"))
+    assert result.exit_code == 3
+    assert {path.name for path in (tmp_path / "out").iterdir()} == FILES
+    assert f"short: {status}, without success" in result.stdout
+
+
+@pytest.mark.parametrize("name", sorted(FILES))
+def test_run_refuses_a_folder_that_holds_a_result(
+    simulation: Simulation, source: str, tmp_path: Path, name: str
+) -> None:
+    (tmp_path / name).write_text("precious")
+    result = invoke("run", source, "--out", str(tmp_path))
+    assert result.exit_code == 2
+    assert f"holds {name}; use --force to replace" in result.stderr
+    assert (tmp_path / name).read_text() == "precious"
+    assert simulation.scenarios == []
+
+
+def test_run_with_force_replaces_the_whole_result(simulation: Simulation, source: str, tmp_path: Path) -> None:
+    out = tmp_path / "out"
+    out.mkdir()
+    for name in (*FILES, "notes.txt"):
+        (out / name).write_text("old")
+    result = invoke("run", source, "--out", str(out), "--force", "--set", "recording.enabled=false")
+    assert result.exit_code == 0
+    assert {path.name for path in out.iterdir()} == {"result.json", "series.npz", "notes.txt"}
+    assert (out / "notes.txt").read_text() == "old"
+    assert json.loads((out / "result.json").read_text())["status"] == "completed"
+
+
+def test_run_set_applies_left_to_right(simulation: Simulation, source: str, tmp_path: Path) -> None:
+    changes = ["tissue.young_kpa=3", "tissue.young_kpa=4.5", "name=softer", 'tissue.fixed_faces=["z_max"]']
+    arguments = [part for change in changes for part in ("--set", change)]
+    result = invoke("run", source, "--out", str(tmp_path / "out"), *arguments)
+    assert result.exit_code == 0, result.output
+    (ran,) = simulation.scenarios
+    assert (ran.tissue.young_kpa, ran.name, ran.tissue.fixed_faces) == (4.5, "softer", ("z_max",))
+
+
+def test_run_set_kind_replaces_the_block(simulation: Simulation, tmp_path: Path) -> None:
+    changes = ["--set", "controller.kind=open_loop", "--set", "trajectory.kind=line"]
+    result = invoke("run", "demo", "--out", str(tmp_path / "out"), *changes, "--set", "dt_s=0.1")
+    assert result.exit_code == 0, result.output
+    (ran,) = simulation.scenarios
+    assert ran.controller.kind == "open_loop"
+    assert ran.trajectory == type(ran.trajectory)()
+
+
+def test_run_with_other_elements_takes_the_spacing_along(simulation: Simulation, tmp_path: Path) -> None:
+    change = ["--set", "tissue.element_size_mm=10", "--set", "dt_s=0.1"]
+    result = invoke("run", "line", "--out", str(tmp_path / "out"), *change)
+    assert result.exit_code == 0, result.output
+    (ran,) = simulation.scenarios
+    assert (ran.tissue.element_size_mm, ran.interaction.spacing_mm) == (10.0, 10.0)
+
+
+def test_run_reads_standard_input(simulation: Simulation, tmp_path: Path) -> None:
+    result = invoke("run", "-", "--out", str(tmp_path / "out"), input=json.dumps(short().resolved()))
+    assert result.exit_code == 0
+    assert simulation.scenarios == [short()]
+
+
+@pytest.mark.parametrize(
+    ("text", "told"),
+    [
+        ('{"dt_s": 7}', "dt_s = 7"),
+        ('{"tissue": {"young": 7}}', "tissue.young = 7: unknown field"),
+        ('{"schema": "needlebench/scenario/2"}', "schema = 'needlebench/scenario/2'"),
+        ("[1]", "must hold a JSON object"),
+        ("{", "is not readable JSON"),
+        ("\x00", "is not readable JSON"),
+    ],
+)
+def test_run_with_a_bad_scenario(simulation: Simulation, tmp_path: Path, text: str, told: str) -> None:
+    path, out = tmp_path / "bad.json", tmp_path / "out"
+    path.write_text(text)
+    result = invoke("run", str(path), "--out", str(out))
+    assert (result.exit_code, result.stdout) == (2, "")
+    assert told in result.stderr
+    assert result.stderr.startswith("needlebench: ")
+    assert not out.exists()
+
+
+def test_run_names_every_problem_on_a_line(simulation: Simulation, source: str, tmp_path: Path) -> None:
+    bad = ["--set", "dt_s=7", "--set", "tissue.poisson=0.5", "--set", "needle.colour=red"]
+    result = invoke("run", source, "--out", str(tmp_path / "out"), *bad)
+    assert result.exit_code == 2
+    lines = result.stderr.splitlines()
+    assert sorted(line.split()[1] for line in lines) == ["dt_s", "needle.colour", "tissue.poisson"]
+
+
+@pytest.mark.parametrize("change", ["tissue.young_kpa", "=3", "name.first=x"])
+def test_run_with_a_change_that_is_none(simulation: Simulation, source: str, tmp_path: Path, change: str) -> None:
+    result = invoke("run", source, "--out", str(tmp_path / "out"), "--set", change)
+    assert result.exit_code == 2
+    assert simulation.scenarios == []
+
+
+def test_run_with_neither_file_nor_name(simulation: Simulation, tmp_path: Path) -> None:
+    result = invoke("run", "nothing.json", "--out", str(tmp_path / "out"))
+    assert result.exit_code == 2
+    assert "'nothing.json': is neither a file nor a built-in scenario: demo, line" in result.stderr
+
+
+def test_run_into_a_place_that_cannot_be(simulation: Simulation, source: str, tmp_path: Path) -> None:
+    result = invoke("run", source, "--out", str(Path(source) / "below"))
+    assert result.exit_code == 2
+    assert "cannot be written" in result.stderr
+    assert simulation.scenarios == []
+
+
+@pytest.mark.parametrize(
+    ("error", "code", "told"),
+    [
+        (KeyboardInterrupt(), 130, "needlebench: interrupted"),
+        (ValueError("the stiffness\nis gone"), 1, "needlebench: crashed: ValueError: the stiffness\n"),
+    ],
+)
+@pytest.mark.parametrize("when", ["while it runs", "while it writes"])
+def test_run_that_is_stopped_leaves_nothing(
+    simulation: Simulation, source: str, tmp_path: Path, error: BaseException, code: int, told: str, when: str
+) -> None:
+    if when == "while it runs":
+        simulation.stop_at, simulation.error = 60, error
+    else:
+        simulation.write_error = error
+    out = tmp_path / "out"
+    result = invoke("run", source, "--out", str(out))
+    assert (result.exit_code, result.stdout) == (code, "")
+    assert told in result.stderr
+    assert "Traceback" not in result.stderr
+    assert not out.exists()
+
+
+def test_run_that_is_stopped_leaves_the_old_result(simulation: Simulation, source: str, tmp_path: Path) -> None:
+    out = tmp_path / "out"
+    assert invoke("run", source, "--out", str(out)).exit_code == 0
+    before = {path.name: path.read_bytes() for path in out.iterdir()}
+    simulation.write_error = ValueError("no")
+    assert invoke("run", source, "--out", str(out), "--force").exit_code == 1
+    assert {path.name: path.read_bytes() for path in out.iterdir()} == before
+
+
+@pytest.mark.parametrize("how", [["--debug"], []])
+def test_a_crash_shows_its_traceback_on_demand(
+    simulation: Simulation, source: str, tmp_path: Path, how: list[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    simulation.stop_at, simulation.error = 3, ValueError("here")
+    if not how:
+        monkeypatch.setenv("NEEDLEBENCH_DEBUG", "1")
+    result = invoke(*how, "run", source, "--out", str(tmp_path / "out"))
+    assert result.exit_code == 1
+    assert "Traceback" in result.stderr
+    assert "ValueError: here" in result.stderr
+
+
+def test_run_warns_of_what_is_unusual(simulation: Simulation, source: str, tmp_path: Path) -> None:
+    result = invoke("run", source, "--out", str(tmp_path / "out"), "--set", "interaction.friction=0.5")
+    assert result.exit_code == 0
+    assert "needlebench: warning: interaction.friction = 0.5" in result.stderr
+
+
+def test_view_of_what_is_no_recording(tmp_path: Path) -> None:
+    missing, text = tmp_path / "missing.rrd", tmp_path / "text.rrd"
+    text.write_text("no recording")
+    cases = {missing: "no such file", text: "not a readable recording", tmp_path: "no such file"}
+    for path, told in cases.items():
+        result = invoke("view", str(path))
+        assert result.exit_code == 1
+        assert result.stderr.startswith(f"needlebench: {path}: {told}")
+
+
+@pytest.fixture(scope="module")
+def rrd(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    path = tmp_path_factory.mktemp("view") / "recording.rrd"
+    with RerunObserver(path, recording_id="view") as recorder:
+        FakeRun(short()).run(recorder)
+    return path
+
+
+def test_view_without_a_display(rrd: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(sys, "platform", "linux")
+    monkeypatch.delenv("DISPLAY", raising=False)
+    monkeypatch.delenv("WAYLAND_DISPLAY", raising=False)
+    result = invoke("view", str(rrd))
+    assert result.exit_code == 1
+    assert "no display" in result.stderr
+    assert "--screenshot" in result.stderr
+
+
+def test_view_starts_the_viewer_on_loopback_without_analytics(rrd: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    started: list[Any] = []
+
+    def start(command: list[str], **options: Any) -> subprocess.CompletedProcess[str]:
+        started.append((command, options["env"]))
+        return subprocess.CompletedProcess(command, 0)
+
+    monkeypatch.setenv("DISPLAY", ":0")
+    monkeypatch.setenv("FORCE_RERUN_ANALYTICS", "1")
+    monkeypatch.setattr(subprocess, "run", start)
+    assert invoke("view", str(rrd)).exit_code == 0
+    ((command, environment),) = started
+    assert command[command.index("--bind") + 1] == "127.0.0.1"
+    assert command[-1] == str(rrd)
+    assert environment["CI"] == "1"
+    assert "FORCE_RERUN_ANALYTICS" not in environment
+
+
+@pytest.mark.parametrize("size", ["big", "100x100", "1600", "1600x900x2"])
+def test_view_refuses_a_bad_size(rrd: Path, size: str) -> None:
+    assert invoke("view", str(rrd), "--size", size).exit_code == 2
+
+
+@pytest.mark.slow
+@pytest.mark.skipif(not VULKAN, reason="needs a Vulkan driver: apt-get install mesa-vulkan-drivers libvulkan1")
+def test_view_makes_a_picture_without_a_display(rrd: Path, tmp_path: Path) -> None:
+    from PIL import Image
+
+    picture = tmp_path / "picture.png"
+    result = invoke("view", str(rrd), "--screenshot", str(picture), "--size", "800x500", "--at", "0.5")
+    assert result.exit_code == 0, result.output
+    with Image.open(picture) as image:
+        assert image.size == (800, 463)
+        assert len(image.convert("RGB").getcolors(maxcolors=800 * 480) or []) > 200
+
+
+def test_a_command_that_is_refused_by_click_keeps_its_message() -> None:
+    result = invoke("run", "demo")
+    assert result.exit_code == 2
+    assert "Missing option '--out'" in result.stderr
+
+
+def test_errors_of_other_commands_are_mapped_too(monkeypatch: pytest.MonkeyPatch) -> None:
+    def command(action: Callable[[], None]) -> click.Command:
+        return click.Command("serve", callback=action)
+
+    def crash() -> None:
+        raise RuntimeError("boom")
+
+    fake = types.SimpleNamespace(serve=command(crash))
+    monkeypatch.setitem(sys.modules, "service.cli.service", fake)
+    result = invoke("serve")
+    assert (result.exit_code, result.stdout) == (1, "")
+    assert result.stderr.startswith("needlebench: crashed: RuntimeError: boom")
+
+
+@pytest.mark.slow
+def test_run_of_the_real_thing(tmp_path: Path) -> None:
+    poses = [[18.0, 31.0, -180.0 + 0.5 * i, 1.0, 0.0, 0.0, 0.0] for i in range(1, 13)]
+    scenario = {
+        "tissue": {"element_size_mm": 20.0},
+        "trajectory": {"target_mm": [18, 31, 30], "speed_mm_s": 50.0},
+        "controller": {"kind": "replay", "poses": poses},
+        "recording": {"every_steps": 5},
+    }
+    digests = []
+    for out, change in ((tmp_path / "a", []), (tmp_path / "b", ["--set", "recording.enabled=false"])):
+        result = invoke("run", "-", "--out", str(out), *change, input=json.dumps(scenario))
+        assert result.exit_code in (0, 3), result.output
+        written = json.loads((out / "result.json").read_text())
+        assert written["digest"] in result.stdout
+        digests.append(written["digest"])
+    assert digests[0] == digests[1]
+    with np.load(tmp_path / "a" / "series.npz") as series:
+        tips = recorded(tmp_path / "a" / "recording.rrd", "world/tip", "Points3D:positions")
+        assert np.array_equal(np.concatenate(list(tips.values())), series["tip_m"].astype(np.float32))
+        frames = recorded(tmp_path / "a" / "recording.rrd", "world/tissue/surface", "Mesh3D:vertex_positions")
+        assert list(frames) == list(series["tissue_frame_step"]) == [0, 5, 10, 12]

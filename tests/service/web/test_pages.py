@@ -1,0 +1,431 @@
+from __future__ import annotations
+
+import json
+import re
+from collections import Counter
+from collections.abc import Iterator
+from html.parser import HTMLParser
+from pathlib import Path
+from typing import Any
+from urllib.parse import quote, urljoin
+
+import pytest
+from sqlalchemy import update
+from starlette.testclient import TestClient
+
+from service.api.context import Service
+from service.recording import web_viewer as viewer_files
+from service.store import schema
+from service.store.job import Outcome
+from service.web import assets, formatting
+from service.web.form import Group, paths, scenario_form
+from service.web.models import errors_drawing
+from simcore.errors import ScenarioError
+from simcore.scenario.presets import preset_names, with_changes
+from simcore.scenario.scenario import Scenario
+from tests.service.http import finish, finish_training, idle_service
+from tests.service.learned import dataset_bytes, model_bytes
+
+HOSTILE = "<script>alert(1)</script>\"'&"
+VOID = {"area", "base", "br", "col", "hr", "img", "input", "link", "meta", "source"}
+
+
+class Page(HTMLParser):
+    """Every tag with its attributes; complains about tags that are not closed in order."""
+
+    def __init__(self, text: str) -> None:
+        super().__init__()
+        self.found: list[tuple[str, dict[str, str | None]]] = []
+        self._open: list[str] = []
+        self.feed(text)
+        assert not self._open
+
+    def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
+        assert len(attrs) == len(dict(attrs)), f"an attribute stands twice: {attrs}"
+        self.found.append((tag, dict(attrs)))
+        if tag not in VOID:
+            self._open.append(tag)
+
+    def handle_endtag(self, tag: str) -> None:
+        if tag not in VOID:
+            assert self._open.pop() == tag
+
+    def values(self, name: str) -> list[str]:
+        return [str(attributes[name]) for _, attributes in self.found if name in attributes]
+
+
+Site = tuple[TestClient, Service, dict[str, str]]
+
+
+@pytest.fixture(scope="module")
+def site(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Site]:
+    """A service with a job in most states, campaigns that ended and one that did not, a schedule with a history."""
+    with idle_service(tmp_path_factory.mktemp("site")) as (http, service):
+        done = http.post("/api/v1/jobs", json={"scenario": {"name": "done"}}).json()["id"]
+        finish(service)
+        grid = {"grid": {"controller.kind": ["ifem", "open_loop"], "seed": [0, 1]}, "name": HOSTILE}
+        ended = [http.post("/api/v1/campaigns", json=grid).json()["id"] for _ in range(2)]
+        for _ in range(8):
+            finish(service)
+        service.campaigns.settle()
+        later = http.post("/api/v1/campaigns", json=grid).json()["id"]
+        nightly = {"name": HOSTILE, "cron": "0 2 * * *", "campaign": grid}
+        schedule = http.post("/api/v1/schedules", json=nightly).json()["id"]
+        http.post(f"/api/v1/schedules/{schedule}/trigger")
+        queued = http.post("/api/v1/jobs", json={"scenario": "replay"}).json()["id"]
+        failed = _failed(http, service)
+        trained, training, model = _trained(http, service)
+        a, b = ended
+        where = {
+            "/": "jobs",
+            "/?state=succeeded": "jobs of a state",
+            "/?state=timed_out": "no jobs",
+            "/submit": "form",
+            f"/submit?from={done}": "form from a job",
+            "/submit?from=replay": "form from a built-in scenario",
+            f"/jobs/{done}": "a job that is done",
+            f"/jobs/{queued}": "a job that waits",
+            f"/jobs/{failed}": "a job that failed",
+            "/campaigns": "campaigns",
+            f"/campaigns/{a}?sort=rmse&down=1": "a campaign",
+            f"/campaigns/{later}": "a campaign that runs",
+            "/schedules": "schedules",
+            "/trends": "trends",
+            f"/trends/{quote(HOSTILE, safe='')}": "a trend",
+            "/models": "models",
+            "/models/elm": "a bundled model",
+            f"/models/{trained}": "a model that was trained here",
+            f"/models/{model}": "an uploaded model",
+            f"/jobs/{training}": "a training that is done",
+            f"/submit?from={trained}": "form from a model",
+            "/submit?from=mlp": "form from a bundled model",
+            "/compare": "comparison",
+            f"/compare?a={a}": "comparison, half chosen",
+            f"/compare?a={a}&b={b}": "two campaigns",
+            f"/compare?a={a}&first=ifem&second=open_loop": "two controllers",
+        }
+        yield http, service, where
+
+
+def _trained(http: TestClient, service: Service) -> tuple[str, str, str]:
+    """A model that was trained, the job of its training, and an uploaded model that a job steers by."""
+
+    def send(data: bytes, kind: str, name: str) -> str:
+        answer = http.post("/api/v1/uploads", params={"kind": kind, "name": name}, content=data)
+        reference: str = answer.json()["reference"]
+        return reference
+
+    data = send(dataset_bytes(), "dataset", "data.npz")
+    body = {"data": data, "name": HOSTILE, "priority": 100}
+    training = http.post("/api/v1/models/train", json=body).json()["id"]
+    trained = (finish_training(service).metrics or {})["model"]
+    told = json.loads(model_bytes("linear"))
+    told["provenance"]["data_commit"] = HOSTILE
+    model = send(json.dumps(told).encode(), "model", "sent in.json")
+    steer = {"name": "steered", "controller": {"kind": "linear", "model": model}}
+    http.post("/api/v1/jobs", json={"scenario": steer})
+    return trained, training, model.removeprefix("artefact:")
+
+
+def _failed(http: TestClient, service: Service) -> str:
+    """A job that failed, with a name and an error that no request could give it."""
+    made: str = http.post("/api/v1/jobs", json={"scenario": "demo", "priority": 100}).json()["id"]
+    job = service.store.claim()
+    assert job is not None
+    assert job.id == made
+    service.store.finish(job, Outcome(state="failed", error_kind="exception", error=HOSTILE))
+    with service.store.writing() as connection:
+        connection.execute(update(schema.job).where(schema.job.c.id == made).values(name=HOSTILE))
+    return made
+
+
+def test_pages_are_sound_html_and_accessible(site: Site) -> None:
+    http, _, pages = site
+    for address in pages:
+        answer = http.get(address)
+        assert answer.status_code == 200, address
+        page = Page(answer.text)
+        ids = Counter(page.values("id"))
+        assert max(ids.values()) == 1, (address, ids.most_common(2))
+        for name in ("for", "aria-labelledby", "aria-describedby", "list"):
+            wanted = {one for value in page.values(name) for one in value.split()}
+            assert wanted <= ids.keys(), (address, name, wanted - ids.keys())
+        tags = Counter(tag for tag, _ in page.found)
+        assert tags["h1"] == tags["main"] == tags["header"] == 1, address
+        assert all("scope" in attributes for tag, attributes in page.found if tag == "th"), address
+        assert all("alt" in attributes for tag, attributes in page.found if tag == "img"), address
+
+
+def test_every_control_has_a_name(site: Site) -> None:
+    http, _, pages = site
+    for address in pages:
+        text = http.get(address).text
+        page = Page(text)
+        labelled = set(page.values("for"))
+        for tag, attributes in page.found:
+            if tag in ("input", "select", "textarea"):
+                named = attributes.get("id") in labelled or "aria-label" in attributes
+                inside = attributes.get("type") in ("checkbox", "radio")  # stands within its label
+                assert named or inside, (address, attributes)
+
+
+def test_pages_keep_to_a_strict_policy_and_load_nothing_from_elsewhere(site: Site) -> None:
+    http, _, pages = site
+    for address in pages:
+        answer = http.get(address)
+        policy = answer.headers["content-security-policy"]
+        assert policy.startswith("default-src 'none'")
+        assert not re.search(r"unsafe|https?:|\*", policy)
+        for tag, attributes in Page(answer.text).found:
+            assert tag != "style"
+            assert tag != "script" or str(attributes["src"]).startswith("/static/")
+            assert not any(name.startswith("on") or name == "style" for name in attributes), (address, attributes)
+            for name in ("src", "href", "action"):
+                assert not re.match(r"(\w+:)?//", str(attributes.get(name, ""))), (address, attributes)
+
+
+def test_every_link_answers(site: Site) -> None:
+    http, _, pages = site
+    links = set()
+    for address in pages:
+        page = Page(http.get(address).text)
+        links |= {urljoin(address, link) for name in ("href", "src") for link in page.values(name)}
+    assert len(links) > 50
+    for link in sorted(link.partition("#")[0] for link in links):
+        waits = re.fullmatch(r"/recordings/.*", link)  # of a job that waits it is a stream without end
+        assert waits or http.get(link).status_code == 200, link
+
+
+def test_hostile_names_stay_text(site: Site) -> None:
+    http, _, pages = site
+    seen = 0
+    for address in pages:
+        text = http.get(address).text
+        assert "<script>alert" not in text, address
+        seen += "&lt;script&gt;alert(1)" in text
+    assert seen >= 8
+
+
+def test_a_variant_of_a_job_lets_the_spacing_follow(site: Site) -> None:
+    http, service, _ = site
+    job = service.store.newest(state="succeeded")[-1].id
+    (given,) = Page(http.get(f"/submit?from={job}").text).values("data-given")
+    assert json.loads(given)["interaction"]["spacing_mm"] is None
+
+
+def test_what_is_not_there_has_a_page(site: Site) -> None:
+    http, _, _ = site
+    for address in (
+        "/jobs/0",
+        "/campaigns/0",
+        "/models/forest",
+        "/trends/none",
+        "/submit?from=nothing",
+        "/jobs/%3Cb%3E",
+    ):
+        answer = http.get(address)
+        assert answer.status_code in (404, 422)
+        assert "<b>" not in answer.text or "html" not in answer.headers["content-type"]
+    assert "There is no job 0" in http.get("/jobs/0").text
+    assert http.get("/compare?a=0&b=1").status_code == 422
+
+
+def test_login_shows_a_way_out(site: Site) -> None:
+    http, _, _ = site
+    assert "Log out" not in http.get("/").text
+    assert "Log out" in http.get("/", headers={"Cookie": "needlebench_session=x"}).text
+
+
+def test_the_page_of_a_model_says_how_it_was_trained_and_who_steers_by_it(site: Site) -> None:
+    http, _, pages = site
+    of = {text: address for address, text in pages.items()}
+    elm = http.get("/models/elm").text
+    assert 'aria-label="Root mean square error of Delta P in mm' in elm
+    assert elm.count("<rect") == 6
+    assert "0.318 mm" in elm
+    assert "9000" in elm
+    used = http.get(of["an uploaded model"]).text
+    assert ">steered</a>" in used
+    trained = http.get(of["a model that was trained here"]).text
+    assert f'href="{of["a training that is done"]}"' in trained
+    assert "None yet." in trained
+    done = http.get(of["a training that is done"]).text
+    assert f'href="{of["a model that was trained here"]}"' in done
+    assert "Recording" not in done
+    listed = http.get("/models").text
+    assert listed.count("Steer<span") == 5
+    assert "data.npz: 80 rows, 2 insertions" in listed
+
+
+def test_errors_are_drawn_to_scale() -> None:
+    drawing = errors_drawing([0.1, 0.0, 0.2], [0.2, 0.1, 0.4])
+    assert drawing is not None
+    widths = [bar.width for bar in drawing.bars]
+    assert max(widths) == widths[5]
+    assert [width / widths[5] for width in widths] == pytest.approx([0.25, 0.5, 0.0, 0.25, 0.5, 1.0], abs=1e-3)
+    assert errors_drawing(None, [0.1] * 3) is None
+    flat = errors_drawing([0.0] * 3, [0.0] * 3)
+    assert flat is not None
+    assert {bar.width for bar in flat.bars} == {0.0}
+
+
+# ---- static files
+
+
+def test_static_files_are_kept_for_good_and_change_their_address(site: Site) -> None:
+    http, _, _ = site
+    answer = http.get(assets.url("site.css"))
+    assert "immutable" in answer.headers["cache-control"]
+    assert answer.headers["content-type"].startswith("text/css")
+    again = http.get(assets.url("site.css"), headers={"If-None-Match": answer.headers["etag"]})
+    assert again.status_code == 304
+    assert http.get("/static/0000/site.css").status_code == 404
+    for name in ("../site.py", "..%2Fsite.py", "%2e%2e/web/site.py", "nothing.css"):
+        assert http.get(f"/static/{assets.digest()}/{name}").status_code == 404
+
+
+def test_scripts_import_files_that_are_there_and_nothing_from_elsewhere() -> None:
+    for name, content in assets.files().items():
+        if name.startswith("vendor/") or not name.endswith(".js"):
+            continue
+        text = content.decode()
+        for wanted in re.findall(r'from "\./([^"]+)"', text):
+            assert wanted in assets.files(), (name, wanted)
+        assert not re.search(r"\b(eval|innerHTML|insertAdjacentHTML|document\.write)\b", text), name
+        assert set(re.findall(r"https?://[\w.]+", text)) <= {"http://www.w3.org"}, name
+
+
+def test_vendored_files_come_with_their_licence() -> None:
+    folders = {path.parent for path in (assets.FOLDER / "vendor").rglob("*.js")}
+    notice = (assets.FOLDER / "vendor" / "NOTICE").read_text()
+    for folder in folders:
+        assert "Permission is hereby granted" in (folder / "LICENSE").read_text()
+        assert folder.name in notice.lower()
+        version = re.search(r"\(v([\d.]+)\)", next(folder.glob("*.js")).read_text()[:200])
+        assert version is not None
+        assert version[1] in notice
+
+
+# ---- the form of a scenario
+
+
+def _groups(groups: tuple[Group, ...]) -> Iterator[Group]:
+    for group in groups:
+        yield group
+        yield from _groups(group.groups)
+
+
+def test_the_form_has_every_field_of_the_scenario() -> None:
+    known = set(paths())
+
+    def leaves(data: dict[str, Any], prefix: str = "") -> Iterator[str]:
+        for key, value in data.items():
+            if isinstance(value, dict):
+                yield from leaves(value, f"{prefix}{key}.")
+            else:
+                yield prefix + key
+
+    for name in preset_names():
+        scenario = with_changes(Scenario().resolved(), [])
+        assert set(leaves(scenario)) - {"schema"} <= known, name
+    assert {"controller.kind", "controller.model.young_kpa", "trajectory.amplitude_mm", "controller.poses"} <= known
+
+
+def test_limits_of_the_form_are_those_of_the_scenario() -> None:
+    """What the form calls out of range is refused, and the refusal names the field of the form."""
+    checked = 0
+    for group in _groups(scenario_form()):
+        for entry in group.entries:
+            if entry.entry not in ("number", "integer") or entry.maximum is None or entry.maximum > 1e15:
+                continue
+            changes = [f"{group.path}.kind={(entry.kinds or tuple(group.kinds))[-1]}"] if group.kinds else []
+            if group.inside:
+                changes.insert(0, f"{group.path.rpartition('.')[0]}.kind={group.inside[-1]}")
+            with pytest.raises(ScenarioError) as caught:
+                Scenario.load(with_changes({}, [*changes, f"{entry.path}={2 * entry.maximum + 1}"]))
+            assert entry.path in {problem.field for problem in caught.value.problems}
+            checked += 1
+    assert checked > 30
+
+
+# ---- words
+
+
+@pytest.mark.parametrize(
+    ("seconds", "text"),
+    [(None, "–"), (4.2, "4.2 s"), (59.6, "60 s"), (200, "3 min 20 s"), (7500, "2 h 5 min"), (259200, "3 d")],
+)
+def test_times_in_words(seconds: float | None, text: str) -> None:
+    assert formatting.span(seconds) == text
+
+
+@pytest.mark.parametrize(
+    ("changes", "text"),
+    [
+        ({}, "A has a smaller RMSE than B, by 0.1000 mm"),
+        ({"difference_mm": 0.1}, "B has a smaller RMSE than A, by 0.1000 mm"),
+        ({"p_primary": 0.4}, "within what chance would give"),
+        ({"p_primary": 0.4, "equivalent": True}, "shown to be equivalent"),
+        ({"p_primary": 0.06, "clusters": 5}, "too few end points to tell this from chance"),
+        ({"difference_mm": 0.0}, "have the same RMSE"),
+        ({"difference_mm": None, "difference_interval_mm": None}, "one of them failed"),
+        ({"difference_interval_mm": [-0.2, None]}, "-0.2000 to unbounded"),
+    ],
+)
+def test_a_comparison_in_words(changes: dict[str, Any], text: str) -> None:
+    one = {
+        "first": "A",
+        "second": "B",
+        "difference_mm": -0.1,
+        "difference_interval_mm": [-0.2, -0.05],
+        "clusters": 20,
+        "pairs": 40,
+        "p_primary": 0.0004,
+        "equivalent": False,
+    }
+    assert text in formatting.sentence({**one, **changes})
+
+
+# ---- the viewer
+
+
+def test_the_viewer_has_its_own_policy_and_no_link_to_elsewhere(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    page = (
+        b'<html><link rel="preconnect"\n href="https://fonts.example" crossorigin />'
+        b'<link rel="icon" href="favicon.ico">'
+        b"<script>let one = 1;</script><script src='re_viewer.js'></script></html>"
+    )
+    content = dict.fromkeys(viewer_files.FILES, b"x" * 20_000) | {"index.html": page}
+    monkeypatch.setattr(viewer_files, "viewer_files", lambda: content)
+    with idle_service(tmp_path) as (http, _):
+        answer = http.get("/viewer/index.html")
+        assert "fonts" not in answer.text
+        assert answer.text.index(viewer_files.QUIET) < answer.text.index("let one")
+        assert "favicon.ico" in answer.text
+        policy = answer.headers["content-security-policy"]
+        assert "script-src 'self' 'sha256-" in policy
+        assert "frame-ancestors 'self'" in policy
+        assert not re.search(r"https?:|script-src[^;]*unsafe-inline", policy)
+        packed = http.get("/viewer/re_viewer_bg.wasm")
+        assert packed.headers["content-encoding"] == "gzip"
+        assert packed.headers["rerun-final-length"] == "20000"
+        assert packed.content == content["re_viewer_bg.wasm"]
+        plain = http.get("/viewer/re_viewer_bg.wasm", headers={"Accept-Encoding": "identity"})
+        assert "content-encoding" not in plain.headers
+        assert plain.headers["content-type"] == "application/wasm"
+        assert http.get("/viewer/index.html", headers={"If-None-Match": answer.headers["etag"]}).status_code == 304
+        assert http.get("/viewer/sw.js").status_code == 404
+
+
+@pytest.mark.slow
+def test_the_installed_viewer_is_taken_out_whole(tmp_path: Path) -> None:
+    home = viewer_files.folder(tmp_path)
+    assert {path.name for path in home.iterdir()} >= viewer_files.FILES.keys()
+    assert (home / "re_viewer_bg.wasm").read_bytes()[:4] == b"\0asm"
+    page = (home / "index.html").read_bytes()
+    assert b"<link" in page
+    assert not re.search(rb"<link[^>]*https?:", page)
+    assert viewer_files.policy(page).count("'sha256-") == page.count(b"<script>") > 0
+    assert viewer_files.folder(tmp_path) == home
