@@ -6,29 +6,21 @@ import contextlib
 import functools
 import json
 import os
-import shutil
 import sys
 import tempfile
-import time
-import uuid
 from datetime import UTC, datetime
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, BinaryIO
+from typing import TYPE_CHECKING, BinaryIO
 
 import click
 
 from service.blas_threads import one_thread
-from simcore.errors import NeedlebenchError, Problem, ScenarioError
+from simcore.errors import Problem, ScenarioError
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator, Sequence
+    from collections.abc import Callable, Iterator
 
-    from benchmarks.cases import Case, Outcome
     from benchmarks.measurements import Table
-    from benchmarks.observed_run import ObservedRun
-    from service.recording.observer import RerunObserver
-    from service.worker.crew import Crew
-    from simcore.scenario.scenario import Scenario
 
 WIDTH = 170  # columns of a table that goes to a file or a pipe
 REGRESSION = 1
@@ -126,6 +118,7 @@ def _measure(names: list[str], json_file: Path | None, folder: Path, quick: bool
     from benchmarks.measurements import figure_table
     from benchmarks.ports import BenchPorts
     from benchmarks.registry import run_suite
+    from service.local.bench_ports import bench_crew, recorder
     from simcore.rollout.artefacts import replace_atomically
 
     _writable(folder, "--out")
@@ -139,8 +132,8 @@ def _measure(names: list[str], json_file: Path | None, folder: Path, quick: bool
         ports = BenchPorts(
             say=say,
             recorder=recorder,
-            recorder_name="service.cli.bench:recorder",
-            crew=lambda workers: _crew(workers, Path(scratch), say),
+            recorder_name="service.local.bench_ports:recorder",
+            crew=lambda workers: bench_crew(workers, Path(scratch), say),
             folder=Path(scratch),
             quick=quick,
         )
@@ -186,80 +179,6 @@ def _progress() -> Iterator[Callable[[str], None]]:
     console = Console(stderr=True)
     with console.status("starting") as status:
         yield status.update
-
-
-# -- what the benchmarks are handed -----------------------------------------------------------------------------------
-
-
-def recorder(path: Path) -> RerunObserver:
-    """A recorder with an identity of its own."""
-    from service.recording.observer import RerunObserver
-
-    return RerunObserver(path, recording_id=uuid.uuid4().hex)
-
-
-class JobFailedError(NeedlebenchError):
-    """A job of a benchmark crashed in its worker."""
-
-
-@contextlib.contextmanager
-def _crew(workers: int, scratch: Path, say: Callable[[str], None]) -> Iterator[BenchCrew]:
-    """Warm workers, gone at the end."""
-    from service.settings import RUNNER
-    from service.worker.crew import Crew
-
-    with Crew(workers, folder=scratch, files=scratch, runner=RUNNER) as crew:
-        crew.start()
-        yield BenchCrew(crew, scratch, say)
-
-
-class BenchCrew:
-    """Worker processes as the service has them; see `benchmarks.ports.Crew`."""
-
-    def __init__(self, crew: Crew, scratch: Path, say: Callable[[str], None]) -> None:
-        self._crew, self._scratch, self._say = crew, scratch, say
-
-    def seconds(self, batches: Sequence[Sequence[Scenario]]) -> float:
-        """Wall time of the batches, one on each worker, all at once; the jobs are recorded as the scenario says."""
-        cases = [[_case(scenario) for scenario in batch] for batch in batches]
-        started = time.perf_counter()
-        outcomes = self._crew.run_batches(cases)
-        elapsed = time.perf_counter() - started
-        for outcome in outcomes:
-            self._remove(outcome)
-        return elapsed
-
-    def run_many(self, scenarios: Sequence[Scenario]) -> list[ObservedRun]:
-        """Each worker takes the next scenario that nobody has."""
-        from benchmarks.observed_run import JOB, load
-
-        cases = [_case(scenario) for scenario in scenarios]
-        results: dict[str, ObservedRun] = {}
-        for outcome in self._crew.run_many(cases, runner=JOB, own_folders=True):
-            self._say(f"{len(results) + 1} of {len(cases)} runs done: {outcome.case.scenario['name']}")
-            result = {name: value for name, value in _checked(outcome).items() if name != "cost"}
-            results[outcome.case.id] = load(self._scratch / outcome.case.id, result)
-            self._remove(outcome)
-        return [results[case.id] for case in cases]
-
-    def _remove(self, outcome: Outcome) -> None:
-        _checked(outcome)
-        shutil.rmtree(self._scratch / outcome.case.id, ignore_errors=True)
-
-
-def _case(scenario: Scenario) -> Case:
-    from benchmarks.cases import Case
-
-    return Case(uuid.uuid4().hex, scenario.resolved(), {})
-
-
-def _checked(outcome: Outcome) -> dict[str, Any]:
-    """The result. Raises JobFailedError for a job that crashed."""
-    from service.worker.crew import CRASHED
-
-    if outcome.result["status"] == CRASHED:
-        raise JobFailedError(outcome.result["message"])
-    return outcome.result
 
 
 # -- what is printed --------------------------------------------------------------------------------------------------

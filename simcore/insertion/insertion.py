@@ -7,14 +7,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from simcore.contact.channel import (
-    Channel,
-    Phase,
-    advance_end,
-    puncture,
-    refresh_elements,
-    slide_contact,
-)
+from simcore.contact.channel import Channel, Phase
+from simcore.contact.cutting import advance_end, puncture, refresh_elements, slide_contact
 from simcore.errors import Status
 from simcore.insertion.solver import solve_step, tissue_response
 from simcore.insertion.state import Bodies, Goal, Guess, Pose, SolvedStep, StepReport, Workspace
