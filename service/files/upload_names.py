@@ -40,7 +40,8 @@ class UploadLookup:
             )
         path = self._folder / upload_id
         if not path.is_file():
-            raise NoSuchFileError("is no upload of this service, or was deleted: `needlebench upload` sends the file")
+            message = "is no upload of this service, or was deleted: send the file with `needlebench upload`"
+            raise NoSuchFileError(message)
         self.used.add(upload_id)
         return path
 

@@ -123,7 +123,7 @@ def constraint_tangent(model: CoupledModel, solved: SolvedStep) -> ConstraintTan
     shaft[own, :, 3 * a + own] += points.dc[:a]
     turn[own, :, 3 * a + own] += points.ddc[:a]
     rows, per_ball = np.zeros((4 * a, 4 * a + 6)), np.zeros((4 * a, 3 * len(elements)))
-    rows[: 3 * a] = -shaft[:a].reshape(3 * a, -1)
+    rows[: 3 * a] = -shaft[:a].reshape(3 * a, 4 * a + 6)
     per_ball[: 3 * a, : 3 * a] = np.eye(3 * a)
     rows[3 * a + own, 3 * a + own] = 1.0  # ds = 0, unless it slides
     slides = at.mode % 2 == 0

@@ -15,7 +15,7 @@ from simcore.insertion.jacobian_perturbation import Perturbation
 from simcore.rollout.records import Silent
 from simcore.rollout.rollout import _Loop, run
 from simcore.scenario.build import insertion_of
-from tests.simcore.block import AHEAD, advanced, block_scenario, curved_pose
+from tests.simcore.block import AHEAD, advanced, block_scenario, curved_pose, straight_trip
 from tests.verification import verify
 
 if TYPE_CHECKING:
@@ -141,3 +141,14 @@ def test_a_step_that_cannot_be_solved_again_ends_the_run_by_name(monkeypatch: py
     rollout = run(short_scenario(jacobian="perturbation"))
     assert rollout.status is Status.NOT_CONVERGED
     assert "the controller's model: perturbation Jacobian: residual" in rollout.message
+
+
+def test_a_needle_out_of_the_tissue_has_a_jacobian_too() -> None:
+    """Pulled out again, nothing constrains it: tip and base move as one rigid body, within the one-sided error."""
+    depths = np.concatenate([np.arange(1, 25) * 5e-4, 0.012 - np.arange(1, 41) * 5e-4])
+    trip = straight_trip(depths)
+    before, state = trip.states[-2:]
+    assert not len(state.solved.active.elements)
+    response = Perturbation(trip.insertion, shift_m=5e-5, lever_arm_m=LEVER_M).linearise(before, state)
+    np.testing.assert_allclose(response.tip[:, :3], np.eye(3), atol=1e-6)
+    np.testing.assert_allclose(linearise_exactly(trip.insertion.model, state.solved).tip[:, :3], np.eye(3), atol=1e-9)
