@@ -11,12 +11,13 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from simcore.contact.laws import Law, Response, Staircase, solve_laws, staircases
+from tests.budget import examples
 from tests.verification import verify
 
 Vector = np.ndarray
 LENGTH_M, CUTTING_N, PUNCTURE_N = 0.1, 0.1, 0.12
 SLACK_N = 3e-9  # the laws are settled to 1e-9 N each
-quick = settings(max_examples=150, deadline=None)
+quick = settings(max_examples=examples(150), deadline=None)
 
 
 @dataclass

@@ -17,6 +17,7 @@ from scipy.spatial.transform import Rotation
 
 from simcore.insertion.compliance import Compliance
 from simcore.tissue.model import TissueModel, assemble_band
+from tests.budget import examples
 from tests.simcore.block import block, cold, held, relaxed, stiffness_times, surface_areas
 from tests.simcore.reference import (
     MANUFACTURED_DIRECTION,
@@ -31,7 +32,7 @@ from tests.verification import verify
 Vector = np.ndarray
 E_PA, NU = 6300.0, 0.4  # the defaults of the scenario
 LAME_PA, SHEAR_PA = E_PA * NU / ((1 + NU) * (1 - 2 * NU)), E_PA / (2 * (1 + NU))
-quick = settings(max_examples=100, deadline=None)
+quick = settings(max_examples=examples(100), deadline=None)
 check = partial(verify, "tissue")
 
 
