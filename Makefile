@@ -37,7 +37,7 @@ check: env-dev  ## lint, formatting, the direction of imports, types
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
 	$(BIN)/lint-imports --no-logo
-	$(BIN)/mypy simcore service benchmarks needlebench bootstrap.py bootstrap_python.py hatch_build.py
+	$(BIN)/mypy simcore service benchmarks needlebench tests bootstrap.py bootstrap_python.py hatch_build.py
 
 test: check  ## everything that a change must pass: lint, formatting, types and the tests
 	$(BIN)/python -m pytest $(ARGS)
