@@ -38,7 +38,7 @@ check: env-dev  ## lint, formatting, the direction of imports, types
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
 	$(BIN)/lint-imports --no-logo
-	$(BIN)/mypy simcore service benchmarks needlebench bootstrap.py bootstrap_python.py hatch_build.py
+	$(BIN)/mypy simcore service benchmarks needlebench tests bootstrap.py bootstrap_python.py hatch_build.py
 
 test: check  ## everything that a change must pass: lint, formatting, types and the tests, on every core
 	$(BIN)/python -m pytest -m "not long" -n $(CORES) --dist loadfile $(ARGS)

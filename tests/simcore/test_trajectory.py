@@ -163,7 +163,7 @@ def test_distance_along_the_normal_within_the_curvature(path: Path) -> None:
     normal = np.cross(path.chord / np.linalg.norm(path.chord), path.overlay)  # out of the plane: never bent towards
     for off in (1e-6, 1e-3, 0.05, 1.0):
         np.testing.assert_allclose(path.distance_m(path.curve(u) + off * normal), off, rtol=1e-9)
-    bend = np.linalg.norm(path.chord) ** 2 / (path.amplitude_m * (2 * np.pi * path.periods) ** 2)
+    bend = float(np.linalg.norm(path.chord) ** 2 / (path.amplitude_m * (2 * np.pi * path.periods) ** 2))
     across = np.cross(tangents, normal)
     for off in (0.2 * bend, -0.2 * bend):
         np.testing.assert_allclose(path.distance_m(path.curve(u) + off * across), abs(off), rtol=1e-6)
@@ -224,7 +224,7 @@ def test_targets_slide_at_constant_speed_and_stop_at_the_end(path: Path, dt: flo
     np.testing.assert_allclose(points[0], path.entry_m, atol=1e-15)
     np.testing.assert_allclose(points[-1], path.curve(np.ones(1))[0], atol=1e-10)
     u, _, lengths = dense(path)
-    walked = np.interp(path.parameter(0.01 * dt * np.arange(steps + 1)), u, lengths)
+    walked = np.interp(path.parameter(0.01 * dt * np.arange(steps + 1, dtype=np.float64)), u, lengths)
     np.testing.assert_allclose(np.diff(walked)[:-1], 0.01 * dt, rtol=1e-3)
     assert 0.0 < np.diff(walked)[-1] <= 0.01 * dt * (1 + 1e-3)
 

@@ -110,6 +110,7 @@ def entry_compliances(radius_m: float, cells: Vector) -> Vector:
     values = []
     for n in cells:
         model = block(24.0 / n, (24.0, 24.0, 24.0))
+        assert isinstance(model.mesh, BoxMesh)
         weights = ball_at(np.array([0.012, 0.012, 0.0]), radius_m, model.mesh)
         free, right = model.unknown >= 0, np.zeros((model.unknowns // 3, 3))
         right[model.unknown[free], 2] = weights[free]
