@@ -276,6 +276,7 @@ def test_an_insertion_without_a_recording_needs_the_core_alone(
     assert json.loads((tmp_path / "line" / "result.json").read_text())["status"] == "completed"
     with_recording = in_core(core_environment, "run", "line", "--out", tmp_path / "other", *changes[:-2])
     assert with_recording.returncode == 1, "the environment of this test holds more than the core"
+    assert "this command needs the package rerun, which is not installed" in with_recording.stderr
 
 
 @pytest.mark.slow
