@@ -69,11 +69,11 @@ class Compliance:
 
     def sync(self, channel: Channel) -> None:
         """Bring columns and the compliance between points (3P, 3P) m/N up to date with the channel's elements."""
-        stale = self._stale(channel)
+        stale, balls = self._stale(channel), channel.balls
         for j in stale:
             self._compute_columns(channel, j)
         for j in [*stale, 0]:
-            compliance_rows(j, channel.count, channel.balls, self.tissue.unknown, self.columns, self.between_points)
+            compliance_rows(j, channel.count, balls, self.tissue.unknown, self.columns, self.between_points)
 
     def _stale(self, channel: Channel) -> list[int]:
         """Created elements that are not where their columns were computed, the channel end last."""

@@ -6,27 +6,12 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from simcore.contact.channel import Channel, Phase, inserted_rest_length, tributary_lengths
-from simcore.contact.kernels import (
-    ConstraintPoints,
-    Inertia,
-    Motion,
-    TissueShape,
-    add_needle_forces,
-    constraint_geometry,
-    free_residual,
-    move_nodes,
-    moved_shaft,
-    needle_residual,
-    project_inactive,
-    tissue_moves,
-    to_local,
-    to_world,
-)
-from simcore.contact.laws import Response, Staircase, law_residual, solve_laws, staircases
+from simcore.contact.channel import Channel, Phase
+from simcore.contact.kernels import ConstraintPoints, Motion, move_nodes, moved_shaft, tissue_moves, to_local, to_world
+from simcore.contact.laws import Response, Staircase, solve_laws, staircases
+from simcore.insertion.residuals import Constraints, Unknowns, residuals
 from simcore.insertion.response import NeedleResponse, linear_response
 from simcore.insertion.state import ActiveSet, Bodies, Goal, Guess, Iterate, Residuals, Workspace
-from simcore.needle.beam import internal
 from simcore.needle.model import advance, solve_blocks
 from simcore.needle.shaft import Shaft
 from simcore.rotations import log_map
@@ -50,7 +35,9 @@ def begin(
     turn = log_map(goal.base.rotation @ bodies.needle_R[0].T)
     elements = channel.active_elements()
     a, contact = len(elements), channel.phase is Phase.CONTACT
-    active = ActiveSet(channel, contact, elements, channel.balls, Staircase.of_size(a))
+    stair, balls = Staircase.of_size(a), channel.balls
+    constraints = Constraints(contact, elements, stair, balls, channel.depth_m, channel.active, channel.count)
+    active = ActiveSet(channel, contact, elements, balls, stair, constraints)
     law, mode, arcs = model.law, first.mode.copy(), channel.arc_m[elements]
     staircases(contact, elements, arcs, model.needle.length_m, law.cutting_n, law.puncture_n, mode, active.stair)
     workspace.compliance.sync(channel)
@@ -65,15 +52,18 @@ def begin(
     )
     if contact:
         points.frames[:] = model.surface_frame
+    shaft = Shaft(bodies.needle_x, bodies.needle_R, model.needle.element_length_m)
+    all_arcs, slide, adhesion = channel.arc_m.copy(), np.zeros(2), np.zeros(a)
     at = Iterate(
         bodies=bodies,
         base_gap=np.concatenate([goal.base.position_m - bodies.needle_x[0], turn]),
         force_n=first.force_n,
         mode=mode,
         points=points,
-        all_arcs_m=channel.arc_m.copy(),
-        slide=np.zeros(2),
-        adhesion_n=np.zeros(a),
+        all_arcs_m=all_arcs,
+        slide=slide,
+        adhesion_n=adhesion,
+        unknowns=Unknowns(shaft, points, mode, adhesion, all_arcs, slide),
     )
     return active, at
 
@@ -88,54 +78,24 @@ def move_held(model: CoupledModel, x: Floats, shift_m: Floats) -> None:
 
 def evaluate(model: CoupledModel, workspace: Workspace, start: Bodies, active: ActiveSet, at: Iterate) -> Residuals:
     """True residuals at the present iterate."""
-    tissue, bodies, dt = model.tissue, at.bodies, model.dt_s
-    at.min_det_f = workspace.blocks.evaluate(bodies.x, workspace.held_n)
+    tissue, x, dt = model.tissue, at.bodies.x, model.dt_s
+    at.min_det_f = workspace.blocks.evaluate(x, workspace.held_n)
     if tissue.stiffness_damping_s > 0.0:
         rotations = workspace.blocks.rotations()
-        rotated_stiffness_times((bodies.x - start.x) / dt, *tissue.tetrahedra, rotations, workspace.damping_n)
-    internal(bodies.needle_x, bodies.needle_R, model.needle.section, workspace.beams)
-    locate_constraints(model, workspace, active, at)
-    motion = Motion(bodies.x, start.x, start.v, dt)
-    inertia = Inertia(tissue.masses_kg, tissue.mass_damping_per_s, tissue.stiffness_damping_s)
-    free_residual(workspace.held_n, workspace.damping_n, motion, inertia, tissue.unknown, workspace.right)
-    residual = add_needle_forces(active.elements, active.balls, at.force_n, tissue.unknown, workspace.right)
-    needle_residual(workspace.beams.forces, at.points.beams, at.points.columns, at.force_n, workspace.needle_rest)
-    free = np.abs(workspace.needle_rest[1:])
-    residual = max(residual, free[:, :3].max(), free[:, 3:].max() / model.needle.element_length_m)
-    law = law_residual(at.law(model, active), to_local(at.points.frames, at.force_n), at.mode)
-    return Residuals(residual, _violation(active, at), law)
-
-
-def locate_constraints(model: CoupledModel, workspace: Workspace, active: ActiveSet, at: Iterate) -> None:
-    """Geometry of the constraints at the present iterate, and how much channel and adhesion belong to each."""
-    channel, needle = active.channel, model.needle
-    tissue = TissueShape(at.bodies.x, model.channel.rest_m)
-    shaft = Shaft(at.bodies.needle_x, at.bodies.needle_R, needle.element_length_m)
-    constraint_geometry(
-        active.contact, active.elements, active.balls, tissue, shaft, at.mode, active.stair.breaks, at.points
+        rotated_stiffness_times((x - start.x) / dt, *tissue.tetrahedra, rotations, workspace.damping_n)
+    motion = Motion(x, start.x, start.v, dt)
+    of_tissue, force, moment, gap, law, at.inserted_m = residuals(
+        model.constants, active.constraints, motion, at.unknowns, at.force_n, workspace.arrays
     )
-    if active.contact:
-        return
-    at.all_arcs_m[active.elements] = at.points.arc
-    project_inactive(channel.count, channel.active, active.balls, tissue, shaft, at.all_arcs_m)
-    at.inserted_m = inserted_rest_length(channel.depth_m, at.all_arcs_m, channel.count, needle.length_m)
-    tributary_lengths(channel.depth_m, channel.active, channel.count, at.inserted_m, workspace.tributary_m)
-    at.adhesion_n = model.law.adhesion_n_per_m * workspace.tributary_m[active.elements]
+    return Residuals(max(of_tissue, force, moment / model.needle.element_length_m), gap, law)
 
 
-def _violation(active: ActiveSet, at: Iterate) -> float:
-    if not len(active.elements):
-        return 0.0
-    gap = at.points.gap[:, 2:] if active.contact and at.slide.any() else at.points.gap
-    return float(np.abs(gap).max())
-
-
-def converged(model: CoupledModel, at: Iterate, residuals: Residuals) -> bool:
+def converged(model: CoupledModel, at: Iterate, missing: Residuals) -> bool:
     """Whether the base is at its goal and every residual within its tolerance."""
     return (
         not at.base_gap.any()
-        and max(residuals.force_n, residuals.law_n) <= model.tolerances.force_n
-        and residuals.violation_m <= model.tolerances.violation_m
+        and max(missing.force_n, missing.law_n) <= model.tolerances.force_n
+        and missing.violation_m <= model.tolerances.violation_m
     )
 
 

@@ -8,7 +8,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from simcore.contact.kernels import frame_along
+from simcore.contact.kernels import Inertia, frame_along
+from simcore.insertion.residuals import Constants
 
 if TYPE_CHECKING:
     from simcore.arrays import Floats
@@ -49,3 +50,11 @@ class CoupledModel:
         frame = np.empty((3, 3))
         frame_along(self.channel.inward, frame)
         return frame
+
+    @cached_property
+    def constants(self) -> Constants:
+        """What kernels know of the model."""
+        tissue, needle, law = self.tissue, self.needle, self.law
+        inertia = Inertia(tissue.masses_kg, tissue.mass_damping_per_s, tissue.stiffness_damping_s)
+        lengths = (needle.length_m, law.adhesion_n_per_m)
+        return Constants(inertia, tissue.unknown, self.channel.rest_m, needle.section, *lengths, law.friction)

@@ -9,6 +9,7 @@ import numpy as np
 
 from simcore.contact.laws import Law, Staircase
 from simcore.insertion.compliance import Compliance
+from simcore.insertion.residuals import ResidualArrays
 from simcore.needle.beam import BeamForces
 from simcore.tissue.force_blocks import ForceBlocks
 
@@ -19,6 +20,7 @@ if TYPE_CHECKING:
     from simcore.contact.kernels import ConstraintPoints
     from simcore.errors import Status
     from simcore.insertion.model import CoupledModel
+    from simcore.insertion.residuals import Constraints, Unknowns
 
 
 @dataclass(frozen=True)
@@ -97,24 +99,29 @@ class Workspace:
         self.right = np.zeros(tissue.unknowns)
         self.beams = BeamForces.of_size(model.needle.elements)
         self.needle_rest = np.zeros((model.needle.elements + 1, 6))
-        self.tributary_m = np.zeros(model.channel.capacity)
+        tributary_m = np.zeros(model.channel.capacity)
+        self.arrays = ResidualArrays(self.held_n, self.damping_n, self.right, self.needle_rest, tributary_m, self.beams)
 
 
 @dataclass(frozen=True)
 class ActiveSet:
-    """What constrains in a step: the channel as it was before it, its active elements (a,) and their staircases."""
+    """What constrains in a step: the channel as it was before it, its active elements (a,) and their staircases.
+
+    constraints: the same, for kernels."""
 
     channel: Channel
     contact: bool  # the surface has not been punctured: its one element is the contact
     elements: Ints
     balls: Balls
     stair: Staircase
+    constraints: Constraints
 
 
 @dataclass
 class Iterate:
     """Where the iteration is. By active element: forces (a, 3) N of the needle on the tissue, world, modes (a,), the
-    geometry of the constraints, adhesion (a,) N. slide (2,): direction of the lateral slip of a surface contact."""
+    geometry of the constraints, adhesion (a,) N. slide (2,): direction of the lateral slip of a surface contact.
+    unknowns: the same arrays, for kernels, where they are changed in place."""
 
     bodies: Bodies
     base_gap: Floats  # (6,) m, rad: of the base to its goal, closed by the first correction
@@ -124,6 +131,7 @@ class Iterate:
     all_arcs_m: Floats  # (P,) of every element of the channel, active or not
     slide: Floats
     adhesion_n: Floats
+    unknowns: Unknowns
     inserted_m: float = 0.0  # rest length of channel that the needle occupies
     min_det_f: float = 1.0
 
