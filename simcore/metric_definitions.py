@@ -237,9 +237,11 @@ SERIES = (
     SeriesArray("tip_m", "m", ("rows", "3"), "tip of the needle, n_tip"),
     SeriesArray("target_m", "m", ("rows", "3"), "target without noise, n_traj"),
     SeriesArray("target_noisy_m", "m", ("rows", "3"), "target that the controller saw"),
-    SeriesArray("command_position_m", "m", ("rows", "3"), "commanded base position T, before the robot's limits"),
+    SeriesArray(
+        "command_position_m", "m", ("rows", "3"), "base position commanded in the step, before delay and limits"
+    ),
     SeriesArray("command_rotation", "1", ("rows", "4"), "commanded orientation, quaternion wxyz"),
-    SeriesArray("limited", "yes or no", ("rows",), "whether the robot's limits scaled the command"),
+    SeriesArray("limited", "yes or no", ("rows",), "whether the robot's limits scaled the executed command"),
     SeriesArray("depth_m", "m", ("rows",), "inserted length of the needle, measured along the channel at rest"),
     SeriesArray("base_force_n", "N", ("rows", "3"), "force of the robot on the base"),
     SeriesArray("base_torque_nm", "N m", ("rows", "3"), "torque of the robot about the base"),
@@ -256,6 +258,14 @@ SERIES = (
     SeriesArray("recording_s", "s", ("rows",), "wall time of the observers"),
     SeriesArray("lateral_sum_n", "N", ("rows",), "sum of the magnitudes of the lateral constraint forces"),
     SeriesArray("lateral_resultant_n", "N", ("rows",), "magnitude of the sum of the lateral constraint forces"),
+    SeriesArray(
+        "rcm_authority",
+        "1",
+        ("rows", "2", "2"),
+        "tip over base, sideways along x and y of the base's frame, with the remote centre kept; not digested; NaN "
+        "where the controller linearised nothing or nothing guides the shaft",
+    ),
+    SeriesArray("rcm_sigma_min", "1", ("rows",), "smallest singular value of rcm_authority; not digested"),
     SeriesArray("tissue_rest_m", "m", ("nodes", "3"), "nodes of the tissue at rest"),
     SeriesArray("tissue_tets", "1", ("tetrahedra", "4"), "tetrahedra as rows of node numbers from 0"),
     SeriesArray("tissue_m", "m", ("frames", "nodes", "3"), "nodes in each recorded frame, the last state always one"),

@@ -1,7 +1,8 @@
-"""The robot that holds the needle's base: it moves towards a commanded pose within its speed limits."""
+"""The robot that holds the needle's base: it moves towards a commanded pose, late by a delay, within its limits."""
 
 from __future__ import annotations
 
+from collections import deque
 from dataclasses import dataclass
 
 import numpy as np
@@ -16,6 +17,18 @@ class RobotLimits:
 
     max_speed_m_s: float
     max_turn_rad_s: float
+
+
+class DelayedCommands:
+    """Gives each command back a number of steps later; until the first one is due, the robot's first pose."""
+
+    def __init__(self, first: Pose, steps: int) -> None:
+        self.waiting = deque([first] * steps)
+
+    def due(self, command: Pose) -> Pose:
+        """Take this step's command, give the one that is executed in it."""
+        self.waiting.append(command)
+        return self.waiting.popleft()
 
 
 def limited_pose(base: Pose, command: Pose, limits: RobotLimits, dt_s: float) -> tuple[Pose, bool]:

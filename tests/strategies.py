@@ -90,6 +90,8 @@ def controllers(draw: st.DrawFn) -> Json:
         "kind": kind,
         "gain": draw(between(0.0, 2.0)),
         "rcm_gain": draw(between(0.0, 2.0)),
+        "rcm_weight": draw(between(0.0, 10.0)),
+        "orientation": draw(st.sampled_from(["rcm", "axis"])),
         "damping": draw(between(1e-4, 10.0)),
         "lever_arm_mm": draw(between(1.0, 1000.0)),
         "jacobian": draw(st.sampled_from(["constraint", "perturbation"])),
@@ -157,7 +159,7 @@ def scenarios(draw: st.DrawFn) -> Json:
         },
         "trajectory": trajectory,
         "robot": {"max_speed_mm_s": draw(between(0.1, 1000.0)), "max_turn_deg_s": draw(between(0.1, 3600.0))},
-        "controller": draw(controllers()),
+        "controller": {**draw(controllers()), "delay_s": draw(st.integers(0, 5)) * dt},
         "solver": {
             "force_tolerance_n": draw(between(1e-12, 1e-2)),
             "violation_tolerance_mm": draw(between(1e-10, 1e-1)),
@@ -172,6 +174,8 @@ steered = st.sampled_from(
         {"kind": "ifem"},
         {"kind": "open_loop"},
         {"kind": "ifem", "damping": 1e-4, "gain": 2.0},
+        {"kind": "ifem", "rcm_weight": 0.1, "delay_s": 0.1},
+        {"kind": "ifem", "orientation": "axis"},
         {"kind": "rigid"},
         {"kind": "frozen", "depth_mm": 5.0},
     ]

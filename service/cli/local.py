@@ -84,12 +84,14 @@ def run(source: str, folder: Path, changes: tuple[str, ...], force: bool) -> Non
     from simcore.scenario.scenario import Scenario
 
     chosen = Scenario.load(with_changes(read_source(source), list(changes)))
-    for warning in chosen.warnings():
+    told = chosen.warnings()
+    for warning in told:
         click.echo(f"needlebench: warning: {warning}", err=True)
     with output_folder(folder, replace=force) as partial:
         result, incomplete = run_into(partial, chosen, recording_id=uuid.uuid4().hex)
-    if incomplete is not None:
-        click.echo(f"needlebench: warning: {incomplete}", err=True)
+    found = [warning for warning in result["warnings"] if warning not in told]
+    for warning in [*found, incomplete] if incomplete else found:
+        click.echo(f"needlebench: warning: {warning}", err=True)
     print_report(result, folder)
     if result["status"] != "completed" or not result["metrics"]["success"]:
         click.get_current_context().exit(WITHOUT_SUCCESS)

@@ -83,6 +83,8 @@ def run_job(spec: dict[str, Any], artefact_dir: Path) -> dict[str, Any]:
             recorder = _recorder(scenario, job.job_id, artefact_dir / "recording.rrd")
             observers.append(stack.enter_context(recorder))
         done = rollout.run(scenario, ObserverGroup(tuple(observers)))
+    for warning in done.warnings:
+        _log.warning("%s", warning)
     artefacts.write(done, artefact_dir)
     _log.info("%s %s success=%s digest=%s", done.status, done.message, done.success, done.digest)
     return done.result()

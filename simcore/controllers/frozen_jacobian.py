@@ -9,11 +9,10 @@ import numpy as np
 
 from simcore.controllers.ifem import damped_inverse
 from simcore.controllers.plant_model import model_scenario
-from simcore.controllers.remote_centre import pose_through
+from simcore.controllers.remote_centre import following_response, pose_through
 from simcore.errors import ModelFailureError, Status
 from simcore.insertion.jacobian_fast import linearise
 from simcore.insertion.state import Pose
-from simcore.rotations import skew
 from simcore.scenario.build import insertion_of
 
 if TYPE_CHECKING:
@@ -65,8 +64,7 @@ def straight_jacobian(settings: FrozenJacobian, scenario: Scenario) -> Floats:
         state = _completed(insertion.step(state, Pose(first.position_m + advance_m * tangent, first.rotation)))
     tip = linearise(insertion.model, state.solved).tip
     reach_m = float(np.linalg.norm(insertion.entry_m - state.base.position_m))
-    following: Floats = tip[:, :3] - tip[:, 3:] @ skew(tangent) / reach_m
-    return following
+    return following_response(tip, tangent, reach_m)
 
 
 def _completed(state: InsertionState) -> InsertionState:

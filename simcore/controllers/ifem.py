@@ -6,14 +6,22 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from simcore.controllers.remote_centre import TOO_NEAR_M, following_response, pose_through
 from simcore.insertion.state import Pose
 from simcore.rotations import exp_map
 
 if TYPE_CHECKING:
     from simcore.arrays import Floats
-    from simcore.controllers.base import Model, Observation
+    from simcore.controllers.base import Controller, Model, Observation
     from simcore.insertion.jacobian_fast import Linearisation
     from simcore.scenario.scenario import InverseFem
+
+
+def inverse_fem(settings: InverseFem, model: Model, entry_m: Floats) -> Controller:
+    """The controller with the orientation that the settings ask for; entry_m (3,) m."""
+    if settings.orientation == "axis":
+        return AxisThroughEntryController(settings, model, entry_m)
+    return InverseFemController(settings, model)
 
 
 class InverseFemController:
@@ -36,15 +44,37 @@ class InverseFemController:
         return Pose(observation.base.position_m + twist[:3], turn @ observation.base.rotation)
 
 
+class AxisThroughEntryController:
+    """The base's position by the three tip rows, its orientation by a rule: its axis passes through the entry."""
+
+    limited = True
+
+    def __init__(self, settings: InverseFem, model: Model, entry_m: Floats) -> None:
+        self.settings, self.model, self.entry_m = settings, model, entry_m
+
+    def command(self, observation: Observation) -> Pose:
+        """One damped Newton step on the tip error; the Jacobian turns the base as the rule will."""
+        base, tip = observation.base, self.model(observation).tip
+        reach_m = float(np.linalg.norm(self.entry_m - base.position_m))
+        near = reach_m < TOO_NEAR_M
+        jacobian = tip[:, :3] if near else following_response(tip, base.rotation[:, 2], reach_m)
+        error = self.settings.gain * (observation.target_m - observation.tip_m)
+        move = damped_inverse(jacobian, self.settings.damping) @ error
+        return pose_through(self.entry_m, base.position_m + move, base.rotation)
+
+
 def objectives(response: Linearisation, tip_error_m: Floats, settings: InverseFem) -> tuple[Floats, Floats]:
     """J = de/dX (3 or 5, 6) and k o e (3 or 5,): tip error n_traj - n_tip, then the remote-centre offsets.
 
-    The remote-centre rows are off before the puncture, and with a gain of 0.
+    The weight multiplies the remote-centre rows of both. They are off before the puncture, and with a gain or a weight
+    of 0.
     """
-    if response.rcm is None or settings.rcm_gain == 0.0:
+    weight = settings.rcm_weight
+    if response.rcm is None or settings.rcm_gain == 0.0 or weight == 0.0:
         return -response.tip, settings.gain * tip_error_m
-    jacobian = np.vstack([-response.tip, response.rcm])
-    return jacobian, np.concatenate([settings.gain * tip_error_m, settings.rcm_gain * response.rcm_error_m])
+    jacobian = np.vstack([-response.tip, weight * response.rcm])
+    rcm_error_m = weight * (settings.rcm_gain * response.rcm_error_m)
+    return jacobian, np.concatenate([settings.gain * tip_error_m, rcm_error_m])
 
 
 def damped_inverse(jacobian: Floats, damping: float) -> Floats:

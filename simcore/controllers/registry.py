@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 
 from simcore.controllers.base import Controller, Model, Setup
 from simcore.controllers.frozen_jacobian import FrozenJacobianController
-from simcore.controllers.ifem import InverseFemController
+from simcore.controllers.ifem import inverse_fem
 from simcore.controllers.learned import LearnedController
 from simcore.controllers.open_loop import OpenLoopController
 from simcore.controllers.plugin import PluginController
@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from simcore.arrays import Floats
 
 FACTORIES: dict[str, Callable[[Setup], Controller]] = {
-    "ifem": lambda s: InverseFemController(s.settings(InverseFem), s.asked_model()),
+    "ifem": lambda s: inverse_fem(s.settings(InverseFem), s.asked_model(), s.entry_m),
     "elm": lambda s: LearnedController.load("elm", s.settings(Learned), s.entry_m),
     "rigid": lambda s: RigidNeedleController(s.settings(RigidNeedle), s.scenario, s.entry_m, s.needle_length_m),
     "frozen": lambda s: FrozenJacobianController(s.settings(FrozenJacobian), s.scenario, s.entry_m),

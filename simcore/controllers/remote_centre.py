@@ -1,4 +1,5 @@
-"""The remote centre of motion for controllers that give a position: the base's axis passes through the entry."""
+"""The remote centre of motion: the base's axis through the entry, for controllers that give a position, and what a
+base that keeps the remote centre does to the tip."""
 
 from __future__ import annotations
 
@@ -7,10 +8,11 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from simcore.insertion.state import Pose
-from simcore.rotations import exp_map
+from simcore.rotations import exp_map, skew
 
 if TYPE_CHECKING:
     from simcore.arrays import Floats
+    from simcore.insertion.jacobian_fast import Linearisation
 
 TOO_NEAR_M = 1e-3  # a base so near to the entry says nothing on its axis
 
@@ -28,3 +30,28 @@ def pose_through(entry_m: Floats, position_m: Floats, rotation: Floats) -> Pose:
     if sine < 1e-15:
         return Pose(position_m, rotation)
     return Pose(position_m, exp_map(across / sine * np.arctan2(sine, cosine)) @ rotation)
+
+
+def following_response(tip: Floats, axis: Floats, reach_m: float) -> Floats:
+    """(3, 3) d tip / d base position when the base's axis (3,), a unit vector, turns to stay on a point reach_m away.
+
+    tip: (3, 6) m per (m, m, m, rad, rad, rad), spatial spin about the base.
+    """
+    following: Floats = tip[:, :3] - tip[:, 3:] @ skew(axis) / reach_m
+    return following
+
+
+def rcm_authority(response: Linearisation | None, rotation: Floats) -> Floats:
+    """(2, 2) d tip / d base, both along x and y of the base's frame `rotation` (3, 3), with both remote-centre rows
+    zero: the base turns about the entry as it moves sideways. NaN without a linearisation, where nothing guides the
+    shaft, and where no turn helps."""
+    if response is None or response.rcm is None:
+        return np.full((2, 2), np.nan)
+    across = rotation[:, :2]
+    (a, b), (c, d) = response.rcm[:, 3:] @ across
+    determinant = a * d - b * c
+    if determinant == 0.0:
+        return np.full((2, 2), np.nan)
+    turn = np.array([[-d, b], [c, -a]]) @ (response.rcm[:, :3] @ across) / determinant
+    authority: Floats = across.T @ (response.tip[:, :3] @ across + response.tip[:, 3:] @ (across @ turn))
+    return authority

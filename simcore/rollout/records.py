@@ -49,9 +49,9 @@ class StepRecord:
     tip_m: Floats  # (3,)
     target_m: Floats  # (3,) n_traj(t), clean
     target_noisy_m: Floats  # (3,) what the controller saw
-    command_position_m: Floats  # (3,) T before the robot's limits
+    command_position_m: Floats  # (3,) T of this step, before delay and the robot's limits
     command_rotation: Floats  # (4,) wxyz
-    limited: bool  # whether the robot's limits scaled the command
+    limited: bool  # whether the robot's limits scaled what was executed
     depth_m: float  # inserted rest length
     base_force_n: Floats  # (3,) force of the robot on the needle
     base_torque_nm: Floats  # (3,) about the base

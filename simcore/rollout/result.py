@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from simcore.provenance import provenance
+from simcore.rollout.authority import AUTHORITY, authority_warnings
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -18,7 +19,7 @@ if TYPE_CHECKING:
 
 TIMES = ("plant_s", "jacobian_s", "command_s", "recording_s")  # clock readings of a step, s
 FRAMES = ("tissue_m", "tissue_frame_step")  # kept tissue states and their steps
-UNDIGESTED = (*TIMES, *FRAMES)  # of a series: clock readings, and frames of which the last one is digested
+UNDIGESTED = (*TIMES, *FRAMES, *AUTHORITY)  # clock readings, frames of which the last one is digested, what is derived
 
 
 @dataclass(frozen=True)
@@ -43,6 +44,11 @@ class Rollout:
         """SHA-256 over the state series and the last tissue positions, names and shapes included; timings left out."""
         return digest(self.series)
 
+    @property
+    def warnings(self) -> list[str]:
+        """What the run showed that calls for a second look, beside what the scenario warns of."""
+        return authority_warnings(self.series, self.scenario.controller)
+
     def result(self) -> dict[str, Any]:
         """The content of result.json."""
         return {
@@ -52,7 +58,7 @@ class Rollout:
             "timing": self.timing,
             "solver": self.solver,
             "digest": self.digest,
-            "warnings": self.scenario.warnings(),
+            "warnings": [*self.scenario.warnings(), *self.warnings],
             "provenance": provenance(self.scenario.resolved()),
         }
 

@@ -12,11 +12,12 @@ from threadpoolctl import threadpool_limits
 
 from simcore.controllers import Observation, make_controller
 from simcore.controllers.plant_model import make_model, needs_tissue
+from simcore.controllers.remote_centre import rcm_authority
 from simcore.errors import ModelFailureError, Status
 from simcore.insertion.jacobian_fast import Linearisation, lateral_offset
 from simcore.metrics import metrics
 from simcore.needle.shaft import shaft_polyline
-from simcore.robot import limited_pose
+from simcore.robot import DelayedCommands, limited_pose
 from simcore.rollout.records import Observer, Scene, Silent, StepRecord, StepTiming, sealed
 from simcore.rollout.result import Rollout
 from simcore.rollout.series import SeriesBuilder
@@ -95,7 +96,10 @@ class _Loop:
         self.before = self.state = self.insertion.initial_state(self.path.first_tangent())
         self.model = make_model(scenario, self.insertion, lambda: (self.before, self.state))
         self.carried_cross_track_m: list[float] = []
+        self.response: Linearisation | None = None
+        self.authority: list[Floats] = []  # of each state that the controller was asked in, from row 0 on
         self.jacobian_s = 0.0
+        self.commands = DelayedCommands(self.state.base, scenario.delay_steps)
         self.controller = make_controller(
             scenario,
             entry_m=self.insertion.entry_m,
@@ -123,19 +127,20 @@ class _Loop:
         return rollout
 
     def _advance(self, step: int) -> tuple[StepRecord | None, Status, str]:
-        """Observe, command, limit, step; no record if the step failed."""
+        """Observe, command, wait for the delay, limit, step; no record if the step failed."""
         target = self._target(step)
         observation = Observation(step, self.state.base, self.state.tip_m.copy(), target + self.noise_m[step])
-        self.jacobian_s, started = 0.0, self.clock()
+        self.response, self.jacobian_s, started = None, 0.0, self.clock()
         where = f"step {step + 1} of {self.steps}, depth {self.state.inserted_m * 1e3:.1f} mm"
         try:
             command = self.controller.command(observation)
         except ModelFailureError as failure:
             return None, failure.status, f"{where}: the controller's model: {failure.message}"
         command_s = self.clock() - started - self.jacobian_s
-        base, limited = command, False
+        self.authority.append(rcm_authority(self.response, observation.base.rotation))
+        base, limited = self.commands.due(command), False
         if self.controller.limited:
-            base, limited = limited_pose(self.state.base, command, self.limits, self.scenario.dt_s)
+            base, limited = limited_pose(self.state.base, base, self.limits, self.scenario.dt_s)
         started = self.clock()
         state = self.insertion.step(self.state, base)
         plant_s = self.clock() - started
@@ -152,9 +157,9 @@ class _Loop:
     def _timed_model(self, observation: Observation) -> Linearisation:
         assert self.model is not None
         started = self.clock()
-        response = self.model(observation)
+        self.response = self.model(observation)
         self.jacobian_s = self.clock() - started
-        return response
+        return self.response
 
     def _target(self, step: int) -> Floats:
         """n_traj(t_step) (3,) m, world; a path in the tissue frame is carried by the deforming tissue."""
@@ -225,7 +230,7 @@ class _Loop:
         return shaft_polyline(b.needle_x, b.needle_R, needle.element_length_m, points)
 
     def _finished(self, builder: SeriesBuilder, status: Status, message: str, wall_s: float) -> Rollout:
-        series = builder.arrays(self.state.bodies.x)
+        series = builder.arrays(self.state.bodies.x, self.authority)
         dt, done = self.scenario.dt_s, len(series["t_s"]) - 1
         return Rollout(
             scenario=self.scenario,

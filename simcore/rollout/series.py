@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from simcore.rollout.authority import authority_arrays
 from simcore.rollout.result import FRAMES, TIMES
 
 if TYPE_CHECKING:
@@ -62,8 +63,11 @@ class SeriesBuilder:
             self.frames.append(record.tissue_m)
             self.frame_steps.append(record.step)
 
-    def arrays(self, last_tissue_m: Floats) -> dict[str, NDArray[Any]]:
-        """The content of series.npz; the last good tissue state is always its last frame."""
+    def arrays(self, last_tissue_m: Floats, authority: list[Floats]) -> dict[str, NDArray[Any]]:
+        """The content of series.npz; the last good tissue state is always its last frame.
+
+        authority: of each state that the controller was asked in, (2, 2), from row 0 on.
+        """
         last_step = len(self.rows["t_s"]) - 1
         if self.frame_steps[-1] != last_step:
             self.frames.append(last_tissue_m.copy())
@@ -72,6 +76,7 @@ class SeriesBuilder:
             **{name: np.array(values) for name, values in self.rows.items()},
             "lateral_sum_n": np.array(self.lateral_sum_n),
             "lateral_resultant_n": np.array(self.lateral_resultant_n),
+            **authority_arrays(authority, last_step + 1),
             "tissue_rest_m": self.scene.tissue_rest_m,
             "tissue_tets": self.scene.tissue_tets,
             **dict(zip(FRAMES, (np.array(self.frames), np.array(self.frame_steps)), strict=True)),

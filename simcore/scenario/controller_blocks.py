@@ -12,6 +12,10 @@ from simcore.scenario.blocks import MAXIMUM_STEPS, MINIMUM_SPACING_MM, Block, Nu
 KINDS = "ifem, elm, rigid, frozen, linear, neighbours, mlp, open_loop, replay or plugin"
 MAXIMUM_SETTINGS = 100_000  # characters of a plug-in's settings as JSON
 
+DELAY = bounded(
+    0.0, 0.0, 1.0, "s from a command's making to its execution, a multiple of dt_s; the robot holds the last one [ours]"
+)
+
 Sha256 = Annotated[str, StringConstraints(pattern=r"^[0-9a-f]{64}$")]
 
 
@@ -49,6 +53,14 @@ class InverseFem(Block):
     kind: Literal["ifem"] = Field(default="ifem", description=KINDS)
     gain: Number = bounded(1.0, 0.0, 2.0, "k of the three tip objectives [ours]")
     rcm_gain: Number = bounded(1.0, 0.0, 2.0, "k of the two remote-centre objectives; 0 = rows left out [ours]")
+    rcm_weight: Number = bounded(
+        1.0, 0.0, 10.0, "weight of the two remote-centre rows, of J and of e; 0 = rows left out [ours]"
+    )
+    orientation: Literal["rcm", "axis"] = Field(
+        default="rcm",
+        description="rcm = by the remote-centre rows, axis = the base's axis through the entry, its position by the "
+        "three tip rows alone; rcm_gain and rcm_weight then do nothing [ours]",
+    )
     damping: Number = bounded(0.05, 1e-4, 10.0, "d of J^T (J J^T + d^2 I)^-1, dimensionless [ours]")
     lever_arm_mm: Number = bounded(
         100.0, 1.0, 1000.0, "length that makes rotations comparable with translations [ours]"
@@ -66,6 +78,7 @@ class InverseFem(Block):
         0.05, 0.05, 1.0, "move of each dof for the perturbation Jacobian; rotations by the lever arm [ours]"
     )
     model: IfemModel = Field(default=SharedModel(), description="what is linearised [paper: shared]")
+    delay_s: Number = DELAY
 
     @model_validator(mode="before")
     @classmethod
@@ -86,6 +99,7 @@ class Learned(Block):
     model_sha256: Sha256 | None = Field(
         default=None, description="SHA-256 of the model, 64 hexadecimal digits; null = that of the file now [ours]"
     )
+    delay_s: Number = DELAY
 
 
 class ExtremeLearning(Learned):
@@ -119,6 +133,7 @@ class RigidNeedle(Block):
     straight_mm: Number = bounded(
         10.0, 0.1, 1000.0, "nearer to the entry the needle keeps its first direction: target noise would turn it [ours]"
     )
+    delay_s: Number = DELAY
 
 
 class FrozenJacobian(Block):
@@ -132,12 +147,14 @@ class FrozenJacobian(Block):
     model: SeparateModel = Field(
         default=SeparateModel(), description="tissue of the insertion that J comes from [ours]"
     )
+    delay_s: Number = DELAY
 
 
 class OpenLoop(Block):
     """The rigid needle's motion along the straight line from entry to target; no feedback."""
 
     kind: Literal["open_loop"] = Field(default="open_loop", description=KINDS)
+    delay_s: Number = DELAY
 
 
 class Replay(Block):
@@ -150,6 +167,7 @@ class Replay(Block):
         description="1 to 1000000 poses [x_mm, y_mm, z_mm, qw, qx, qy, qz] of the base: positions within +-10000, unit "
         "quaternions; identity = needle along +z, tip at base + length z",
     )
+    delay_s: Number = DELAY
 
 
 class Plugin(Block):
@@ -162,6 +180,7 @@ class Plugin(Block):
     settings: dict[str, JsonValue] = Field(
         default={}, description="what its factory is given; JSON of at most 100000 characters [ours]"
     )
+    delay_s: Number = DELAY
 
     @field_validator("settings")
     @classmethod

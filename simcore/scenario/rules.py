@@ -48,6 +48,7 @@ def problems_between(
         ),
         *_motion_problems(motion),
         *_pose_problems(controller),
+        *_delay_problems(controller, dt_s),
         *_model_problems(controller, tissue),
         *plugin_problems(controller),
     ]
@@ -58,6 +59,11 @@ def steps_along(trajectory: StraightTrajectory, controller: Controller, dt_s: fl
     if isinstance(controller, Replay):
         return len(controller.poses)
     return step_count(trajectory.path().length_m, trajectory.speed_mm_s * 1e-3, dt_s)
+
+
+def delay_steps(controller: Controller, dt_s: float) -> int:
+    """Number of steps from a command's making to its execution."""
+    return round(controller.delay_s / dt_s)
 
 
 def with_mesh(tissue: Tissue) -> Tissue:
@@ -230,6 +236,14 @@ def _pose_problems(controller: Controller) -> list[Problem]:
         if max(abs(c) for c in pose[:3]) > 10_000.0:
             return [Problem(f"controller.poses[{i}]", list(pose), "must lie within +-10000 mm")]
     return []
+
+
+def _delay_problems(controller: Controller, dt_s: float) -> list[Problem]:
+    nearest_s = delay_steps(controller, dt_s) * dt_s
+    if abs(controller.delay_s - nearest_s) <= 1e-6 * dt_s:
+        return []
+    allowed = f"must be a multiple of dt_s = {dt_s:g} s, from 0 to 1 s; the nearest is {nearest_s:g}"
+    return [Problem("controller.delay_s", controller.delay_s, allowed)]
 
 
 def _with_spacing(model: SeparateModel, interaction: Interaction, tissue: Tissue) -> SeparateModel:

@@ -50,6 +50,7 @@ from simcore.scenario.controller_blocks import (
 )
 from simcore.scenario.controller_rules import CONDITIONS, training_warnings, with_model_digest
 from simcore.scenario.rules import (
+    delay_steps,
     problems_between,
     separate_model,
     steps_along,
@@ -184,6 +185,11 @@ class Scenario(Block):
     def steps(self) -> int:
         """Number of steps: the replay's poses, or ceil(path length / (speed dt))."""
         return steps_along(self.trajectory, self.controller, self.dt_s)
+
+    @property
+    def delay_steps(self) -> int:
+        """Number of steps by which commands are executed late."""
+        return delay_steps(self.controller, self.dt_s)
 
     def warnings(self) -> list[str]:
         """What is allowed but unusual."""

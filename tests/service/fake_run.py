@@ -66,6 +66,7 @@ class FakeRollout:
             "timing": {"plant_ms": {"median": 4.0, "p95": 6.0, "p99": 7.5, "max": 9.0}, "realtime_factor": 1.7},
             "solver": {"iterations_mean": 3.5},
             "digest": "0123456789abcdef" * 4,
+            "warnings": [*self.scenario.warnings(), *self.warnings],
             "provenance": {"scenario": self.scenario.resolved(), "seed": self.scenario.seed, "commit": "abc1234"},
         }
 

@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 
 from simcore.insertion.insertion import rotation_towards
 from simcore.insertion.state import Pose
-from simcore.robot import RobotLimits, limited_pose
+from simcore.robot import DelayedCommands, RobotLimits, limited_pose
 from simcore.rotations import exp_map, log_map
 from tests.budget import examples
 
@@ -161,3 +161,13 @@ def test_the_rotation_towards_the_axis_itself(direction: list[float]) -> None:
     rotation = rotation_towards(np.array(direction))
     np.testing.assert_allclose(rotation[:, 2], direction, atol=1e-15)
     assert np.linalg.det(rotation) == pytest.approx(1.0)
+
+
+# ---- late commands
+
+
+def test_a_delayed_command_comes_back_after_its_steps() -> None:
+    first, *poses = (Pose(np.full(3, float(i)), np.eye(3)) for i in range(8))
+    for steps in (0, 1, 3):
+        commands = DelayedCommands(first, steps)
+        assert [commands.due(pose) for pose in poses] == [*[first] * steps, *poses][: len(poses)]

@@ -38,6 +38,7 @@ class Simulation:
     def __init__(self) -> None:
         self.scenarios: list[Scenario] = []
         self.status, self.success = "completed", True
+        self.warnings: list[str] = []
         self.stop_at: int | None = None
         self.error: BaseException | None = None
         self.write_error: BaseException | None = None
@@ -45,7 +46,7 @@ class Simulation:
     def run(self, scenario: Scenario, observer: Any) -> FakeRollout:
         self.scenarios.append(scenario)
         rollout = FakeRun(scenario, stop_at=self.stop_at, error=self.error).run(observer)
-        rollout.status, rollout.success = self.status, self.success
+        rollout.status, rollout.success, rollout.warnings = self.status, self.success, self.warnings
         return rollout
 
     def write(self, rollout: FakeRollout, folder: Path) -> None:
@@ -316,9 +317,12 @@ def test_a_crash_shows_its_traceback_on_demand(
 
 
 def test_run_warns_of_what_is_unusual(simulation: Simulation, source: str, tmp_path: Path) -> None:
+    simulation.warnings = ["RCM authority: lost"]
     result = invoke("run", source, "--out", str(tmp_path / "out"), "--set", "interaction.friction=0.5")
     assert result.exit_code == 0
-    assert "needlebench: warning: interaction.friction = 0.5" in result.stderr
+    before, after = result.stderr.splitlines()  # each once
+    assert before.startswith("needlebench: warning: interaction.friction = 0.5")
+    assert after == "needlebench: warning: RCM authority: lost"
 
 
 def test_view_of_what_is_no_recording(tmp_path: Path) -> None:

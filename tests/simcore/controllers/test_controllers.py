@@ -153,7 +153,12 @@ def test_the_remote_centre_pulls_the_shaft_back() -> None:
 
 
 @pytest.mark.parametrize(
-    ("plant", "gains"), [(RigidNeedle(BESIDE, inserted=False), {}), (RigidNeedle(BESIDE), {"rcm_gain": 0.0})]
+    ("plant", "gains"),
+    [
+        (RigidNeedle(BESIDE, inserted=False), {}),
+        (RigidNeedle(BESIDE), {"rcm_gain": 0.0}),
+        (RigidNeedle(BESIDE), {"rcm_weight": 0.0}),
+    ],
 )
 def test_rows_of_the_remote_centre_are_off_before_puncture_and_without_gain(
     plant: RigidNeedle, gains: dict[str, float]

@@ -19,6 +19,7 @@ from simcore.errors import Status
 from simcore.metrics import MEASURED
 from simcore.rollout import rollout as module
 from simcore.rollout.artefacts import write
+from simcore.rollout.authority import AUTHORITY
 from simcore.rollout.records import Scene, StepRecord
 from simcore.rollout.result import UNDIGESTED, Rollout, digest
 from simcore.rollout.rollout import run
@@ -279,7 +280,7 @@ def test_a_step_that_does_not_converge_ends_the_run_by_name() -> None:
     assert (found.metrics["stable"], found.metrics["success"]) == (False, False)
     assert watcher.calls == ["begin", *["step"] * done, "end"]
     assert found.series["tissue_frame_step"][-1] == done
-    assert all(np.isfinite(array).all() for array in found.series.values())
+    assert all(np.isfinite(array).all() for name, array in found.series.items() if name not in AUTHORITY)
     assert found.series["residual_n"].max() <= 1e-5
     json.dumps(found.result(), allow_nan=False)
 
@@ -376,7 +377,7 @@ def test_any_small_run_ends_by_name_with_finite_rows_and_a_stable_digest(data: d
     done = len(found.series["t_s"]) - 1
     assert done == scenario.steps if found.status is Status.COMPLETED else done < scenario.steps
     for name, array in found.series.items():
-        assert np.isfinite(array).all(), name
+        assert np.isfinite(array).all() or name in AUTHORITY, name
     assert found.series["min_det_f"].min() > 0.1
     assert found.series["violation_m"].max() <= scenario.solver.violation_tolerance_mm * 1e-3
     assert found.series["residual_n"].max() <= scenario.solver.force_tolerance_n

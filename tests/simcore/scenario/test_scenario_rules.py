@@ -3,12 +3,18 @@
 from __future__ import annotations
 
 import math
-from typing import Any
+from typing import Any, get_args
 
 import pytest
 
+from simcore.scenario import controller_blocks
 from simcore.scenario.scenario import Scenario
 from tests.simcore.scenario.scenario_fields import STRAIGHT_IN, Json, refusal, refusal_or_none, refused, replay
+
+EVERY_KIND: list[Json] = [  # that needs no file of its own and no plug-in
+    *({"kind": kind} for kind in ("ifem", "rigid", "frozen", "open_loop", "linear")),
+    {"kind": "replay", "poses": [STRAIGHT_IN]},
+]
 
 
 def test_the_inner_diameter_is_below_the_outer_one() -> None:
@@ -140,6 +146,37 @@ def test_missing_poses_and_short_poses_are_named() -> None:
 
 def test_a_quaternion_within_a_thousandth_of_unit_is_taken() -> None:
     assert Scenario.load(replay([0, 0, 0, 0.9995, 0, 0, 0])).steps == 1
+
+
+@pytest.mark.parametrize("block", EVERY_KIND, ids=lambda block: block["kind"])
+def test_a_delay_is_a_whole_number_of_steps(block: Json) -> None:
+    base = {"dt_s": 0.02}
+    refused(
+        {**base, "controller": {**block, "delay_s": 0.03}}, "controller.delay_s", "multiple of dt_s = 0.02 s", "0 to 1"
+    )
+    (problem,) = refusal({**base, "controller": {**block, "delay_s": 0.013}}).problems
+    assert str(problem).startswith("controller.delay_s = 0.013: must be a multiple of dt_s = 0.02 s")
+    assert "the nearest is 0.02" in problem.message
+    assert Scenario.load({**base, "controller": block}).delay_steps == 0
+    for steps in (1, 3, 7, 50):
+        assert Scenario.load({**base, "controller": {**block, "delay_s": steps * 0.02}}).delay_steps == steps
+
+
+def test_every_kind_of_controller_has_been_asked() -> None:
+    kinds = {kind.model_fields["kind"].default for kind in get_args(get_args(controller_blocks.Controller)[0])}
+    assert kinds - {block["kind"] for block in EVERY_KIND} == {"elm", "neighbours", "mlp", "plugin"}
+    assert all("delay_s" in kind.model_fields for kind in get_args(get_args(controller_blocks.Controller)[0]))
+
+
+@pytest.mark.parametrize("field", ["delay_s", "rcm_weight"])
+@pytest.mark.parametrize("value", [-1e-3, 10.001])
+def test_delay_and_weight_out_of_range_are_refused_with_it(field: str, value: float) -> None:
+    allowed = {"delay_s": "0 to 1", "rcm_weight": "0 to 10"}[field]
+    refused({"controller": {"kind": "ifem", field: value}}, f"controller.{field}", allowed)
+
+
+def test_an_unknown_orientation_is_refused() -> None:
+    refused({"controller": {"kind": "ifem", "orientation": "free"}}, "controller.orientation", "'rcm' or 'axis'")
 
 
 def test_several_problems_are_all_named() -> None:
