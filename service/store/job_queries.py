@@ -79,6 +79,11 @@ OF_ATTEMPT = (
     .where(JOB.c.state == bindparam("of_state"))
     .values(version=JOB.c.version + 1)
 )
+BEAT = (
+    update(JOB)  # nobody waits for it: the version stays
+    .where(JOB.c.id == bindparam("of_id"), JOB.c.attempt == bindparam("of_attempt"), JOB.c.state == RUNNING)
+    .values(heartbeat_at=bindparam("now"))
+)
 MOVE = OF_ATTEMPT.returning(*COLUMNS)
 MEANWHILE = [JOB.c[name] for name in ("version", "progress", "heartbeat_at", "cancel_requested", "pinned")]
 END = OF_ATTEMPT.returning(*MEANWHILE)  # what others may have changed since the claim; the rest is known
@@ -116,6 +121,12 @@ class JobQueries(Transactions):
             query = query.where(JOB.c.state == state)
         if before is not None:
             query = query.where(JOB.c.seq < before)
+        with self.reading() as connection:
+            return [to_job(row) for row in connection.execute(query)]
+
+    def running(self) -> list[Job]:
+        """Every job that runs, or ran when the server died, in the order of arrival; without spec and result."""
+        query = select(*LISTED).where(JOB.c.state == RUNNING).order_by(JOB.c.seq)
         with self.reading() as connection:
             return [to_job(row) for row in connection.execute(query)]
 

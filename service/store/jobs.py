@@ -6,7 +6,7 @@ import secrets
 import time
 from typing import TYPE_CHECKING, Any
 
-from sqlalchemy import Engine, delete, insert, select, update
+from sqlalchemy import Engine, delete, insert, update
 
 from service.settings import Limits
 from service.store import schema
@@ -27,8 +27,8 @@ from service.store.job import (
     Outcome,
 )
 from service.store.job_queries import (
+    BEAT,
     BRIEF,
-    COLUMNS,
     EVENT,
     JOB,
     NEW,
@@ -130,10 +130,14 @@ class Store(Transitions):
         self.notify(job.id)
         return job
 
-    def beat(self, job: Job, progress: dict[str, Any]) -> None:
-        """Progress of a running attempt; nothing happens when the attempt is no longer the current one."""
-        values = {"progress": progress, "heartbeat_at": self._now()}
+    def beat(self, job: Job, progress: dict[str, Any] | None = None) -> None:
+        """The attempt is looked after, and its progress if there is news; nothing happens when it is not the current
+        one. Without news nobody is told."""
         with self._write(lazy=True) as connection:
+            if progress is None:
+                connection.execute(BEAT, {"of_id": job.id, "of_attempt": job.attempt, "now": self._now()})
+                return
+            values = {"progress": progress, "heartbeat_at": self._now()}
             changed = connection.execute(OF_ATTEMPT, {**attempt_key(job), **values}).rowcount
         if changed:
             self.notify(job.id)
@@ -180,12 +184,10 @@ class Store(Transitions):
 
         The death of the server is no fault of theirs, unless it happens in very many attempts.
         """
-        with self.reading() as connection:
-            left = [to_job(row) for row in connection.execute(select(*COLUMNS).where(JOB.c.state == RUNNING))]
         reason = "the server died"
         return [
             self._requeue_or_fail(job, reason, CRASHED, job.crashes, give_up=job.attempt >= MAXIMUM_ATTEMPTS)
-            for job in left
+            for job in self.running()
         ]
 
     def _requeue_or_fail(self, job: Job, reason: str, kind: str, crashes: int, *, give_up: bool) -> Job:

@@ -93,7 +93,7 @@ def levels(body: dict[str, Any]) -> dict[str, str]:
 
 def test_readiness_names_what_was_looked_at(both: tuple[TestClient, Service]) -> None:
     told = both[0].get("/readyz").json()
-    well = {"service": "ok", "workers": "warn", "disk": "ok", "data folder": "ok", "database": "ok"}
+    well = {"service": "ok", "workers": "warn", "threads": "ok", "disk": "ok", "data folder": "ok", "database": "ok"}
     assert levels(told) == well
     assert told["warnings"] == ["workers: 0 of 2 workers are warm; wait: they are starting and compiling"]
 
