@@ -28,6 +28,7 @@ from sqlalchemy import (
 from service.store import schema
 from service.store.campaign import RUNNING as CAMPAIGN_RUNNING
 from service.store.job import (
+    CRASHED,
     INSERTION,
     QUEUED,
     RUNNING,
@@ -129,6 +130,14 @@ class JobQueries(Transactions):
         query = select(*LISTED).where(JOB.c.state == RUNNING).order_by(JOB.c.seq)
         with self.reading() as connection:
             return [to_job(row) for row in connection.execute(query)]
+
+    def server_deaths(self, job: Job) -> int:
+        """In how many attempts of `job` since it was queued the whole server died; its worker's crashes are apart."""
+        event = schema.event.c
+        queued = select(func.max(event.seq)).where(event.job_id == job.id, event.kind == QUEUED).scalar_subquery()
+        query = select(func.count()).where(event.job_id == job.id, event.kind == CRASHED, event.seq > queued)
+        with self.reading() as connection:
+            return max(0, int(connection.execute(query).scalar_one()) - job.crashes)
 
     def ended(self) -> list[Job]:
         """Every job that has ended and whose campaign, if it has one, has too; without spec and result, the one that
