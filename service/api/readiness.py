@@ -8,7 +8,7 @@ from contextlib import suppress
 from service.api.context import Service
 from service.engine.health_checks import Check, Level, database_check, disk_check, folder_check
 from service.engine.metrics import Reading
-from service.files.disk import free_bytes
+from service.files.disk import free_bytes, free_files
 
 
 def checks(service: Service) -> list[Check]:
@@ -80,3 +80,5 @@ def readings(service: Service) -> Iterator[Reading]:
     with suppress(OSError):
         free = float(free_bytes(service.settings.data))
         yield "needlebench_disk_free_bytes", "Free space on the disk of the data folder.", {"": free}
+        if (files := free_files(service.settings.data)) is not None:
+            yield "needlebench_disk_free_files", "Files that its disk has room for (inodes).", {"": float(files)}
