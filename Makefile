@@ -12,6 +12,7 @@ CLIENTS ?= 200
 SECONDS ?= 60
 JOBS ?= 2000
 SEED ?= 1
+CORES ?= auto
 
 # The build backend is locked too: bootstrap.py and the container build this project with it.
 BUILD_REQUIRES = $(BIN)/python -c 'import tomllib; print(*tomllib.load(open("pyproject.toml", "rb"))["build-system"]["requires"])'
@@ -37,22 +38,23 @@ check: env-dev  ## lint, formatting, the direction of imports, types
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
 	$(BIN)/lint-imports --no-logo
-	$(BIN)/mypy simcore service benchmarks needlebench bootstrap.py bootstrap_python.py hatch_build.py
+	$(BIN)/mypy simcore service benchmarks needlebench tests bootstrap.py bootstrap_python.py hatch_build.py
 
-test: check  ## everything that a change must pass: lint, formatting, types and the tests
-	$(BIN)/python -m pytest $(ARGS)
+test: check  ## everything that a change must pass: lint, formatting, types and the tests, on every core
+	$(BIN)/python -m pytest -m "not long" -n $(CORES) --dist loadfile $(ARGS)
 
 test-fast: check  ## the same without the slow tests
-	$(BIN)/python -m pytest -m "not slow" $(ARGS)
+	$(BIN)/python -m pytest -m "not slow and not long" -n $(CORES) --dist loadfile $(ARGS)
 
-test-long: env-dev  ## the tests that take too long for every change, and which lines they reach
-	$(BIN)/python -m coverage run -m pytest -m long $(ARGS)
+test-long: env-dev  ## every test, property tests ten times as long, with coverage; then a sample of mutants
+	NEEDLEBENCH_TESTS=long $(BIN)/python -m coverage run -m pytest -n $(CORES) --dist loadfile $(ARGS)
 	$(BIN)/python -m coverage combine --quiet
 	$(BIN)/python -m coverage report
+	$(BIN)/python -m tests.mutants --each 3 --seed $(SEED)
 
 test-python:  ## the fast tests on another Python, in an environment of its own (PYTHON=python3.13)
 	@version="$$($(PYTHON) -c 'import sys; print("%d.%d" % sys.version_info[:2])')" && \
-	BOOTSTRAP_VENV=".venv-$$version" $(PYTHON) bootstrap.py --dev python -m pytest -m "not slow" $(ARGS)
+	BOOTSTRAP_VENV=".venv-$$version" $(PYTHON) bootstrap.py --dev python -m pytest -m "not slow and not long" $(ARGS)
 
 chaos: env-dev  ## kill, flood and starve real servers; prints a table (MOMENTS=50 REQUESTS=10000 CLIENTS=200 SECONDS=60 JOBS=2000 SEED=1)
 	NEEDLEBENCH_CHAOS_MOMENTS=$(MOMENTS) NEEDLEBENCH_CHAOS_REQUESTS=$(REQUESTS) NEEDLEBENCH_CHAOS_CLIENTS=$(CLIENTS) \

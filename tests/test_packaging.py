@@ -6,6 +6,7 @@ import ast
 import json
 import os
 import re
+import shutil
 import subprocess
 import sys
 import tarfile
@@ -111,7 +112,8 @@ def test_notice_names_what_is_shipped_and_what_is_under_a_copyleft_licence() -> 
             about = metadata(name)
         except PackageNotFoundError:  # of another platform
             continue
-        said = [about.get("License-Expression"), (about.get("License") or "")[:100], *about.get_all("Classifier", [])]
+        fields = {field: about.get_all(field, []) for field in ("License-Expression", "License", "Classifier")}
+        said = [*fields["License-Expression"], *(text[:100] for text in fields["License"]), *fields["Classifier"]]
         if re.search(r"\b(A?L?GPL|MPL|EPL)|General Public|Mozilla", str([text for text in said if text])):
             copyleft.add(name)
     assert "pebble" in copyleft
@@ -274,6 +276,7 @@ def test_an_insertion_without_a_recording_needs_the_core_alone(
     assert json.loads((tmp_path / "line" / "result.json").read_text())["status"] == "completed"
     with_recording = in_core(core_environment, "run", "line", "--out", tmp_path / "other", *changes[:-2])
     assert with_recording.returncode == 1, "the environment of this test holds more than the core"
+    assert "this command needs the package rerun, which is not installed" in with_recording.stderr
 
 
 @pytest.mark.slow
@@ -384,7 +387,7 @@ def test_launcher_asks_for_no_more_than_changed_when_the_tools_alone_have_new_ve
 
 @pytest.mark.parametrize("here", [None, answer(version=[3, 10, 0]), answer(pip=False)])
 def test_launcher_never_deletes_an_environment_made_by_hand(here: dict[str, Any] | None) -> None:
-    with pytest.raises(bootstrap.Problem, match="Move it away"):
+    with pytest.raises(bootstrap_python.Problem, match="Move it away"):
         bootstrap.plan(None, here, True, "run")
 
 
@@ -399,7 +402,7 @@ def test_launcher_says_the_one_command_that_mends_it(
     monkeypatch: pytest.MonkeyPatch, found: list[dict[str, Any] | None], message: str
 ) -> None:
     monkeypatch.setattr(bootstrap_python, "probe", lambda command: found[int(command[0])])
-    with pytest.raises(bootstrap.Problem, match=message):
+    with pytest.raises(bootstrap_python.Problem, match=message):
         bootstrap_python.find_python([str(i)] for i in range(len(found)))
 
 
@@ -408,8 +411,8 @@ def test_launcher_skips_a_python_that_does_not_run(tmp_path: Path) -> None:
     shim = tmp_path / "python3.12"
     shim.write_text("#!/bin/sh\necho 'version 3.12 is not installed' >&2\nexit 127\n")
     shim.chmod(0o755)
-    assert bootstrap.probe([str(shim)]) is None
-    found = bootstrap.probe([sys.executable])
+    assert bootstrap_python.probe([str(shim)]) is None
+    found = bootstrap_python.probe([sys.executable])
     assert found is not None
     assert tuple(found["version"]) == sys.version_info[:3]
 
@@ -489,7 +492,7 @@ def test_launcher_rebuilds_when_replacing_packages_was_interrupted(
 def test_launcher_refuses_to_begin_what_the_disk_cannot_hold(
     launcher: list[list[str]], monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    monkeypatch.setattr(bootstrap.shutil, "disk_usage", lambda path: SimpleNamespace(free=1_400_000_000))
+    monkeypatch.setattr(shutil, "disk_usage", lambda path: SimpleNamespace(free=1_400_000_000))
     assert bootstrap.main([]) == 1
     assert "1400 MB are free" in capsys.readouterr().err
     assert not launcher
@@ -503,7 +506,7 @@ def test_launcher_repeats_only_the_step_that_failed(launcher: list[list[str]], m
     def call(command: list[str], text: str) -> None:
         texts.append(text)
         if "--editable" in command:
-            raise bootstrap.Problem("no README")
+            raise bootstrap_python.Problem("no README")
 
     monkeypatch.setattr(bootstrap, "call", call)
     assert bootstrap.main([]) == 1

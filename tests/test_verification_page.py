@@ -7,7 +7,7 @@ import os
 import subprocess
 import sys
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 import pytest
@@ -15,15 +15,12 @@ import pytest
 from tests import verification
 from tests.verification import Case, page, verify
 
-if TYPE_CHECKING:
-    from collections.abc import Iterator
-
 ROOT = Path(__file__).resolve().parents[1]
 CASE: dict[str, Any] = {"expected": 2.0, "measured": 2.0, "tolerance": 0.1, "source": "Hooke"}
 
 
 @pytest.fixture(autouse=True)
-def ledger(monkeypatch: pytest.MonkeyPatch) -> Iterator[list[Case]]:
+def ledger(monkeypatch: pytest.MonkeyPatch) -> list[Case]:
     """A ledger of its own, so that these toy cases are on no page."""
     own: list[Case] = []
     monkeypatch.setattr(verification, "recorded", own)

@@ -119,6 +119,9 @@ def _report(error: Exception, *, debug: bool) -> int:
         return 2
     if isinstance(error, NeedlebenchError):
         click.echo(f"needlebench: {error}", err=True)
+    elif isinstance(error, ModuleNotFoundError):
+        click.echo(f"needlebench: this command needs the package {error.name}, which is not installed.", err=True)
+        click.echo("A core installation runs insertions without recordings; pip install needlebench has all.", err=True)
     elif not debug:
         text = str(error).strip().split("\n")[0]
         click.echo(f"needlebench: crashed: {type(error).__name__}: {text}", err=True)

@@ -1,4 +1,4 @@
-"""Every field of a scenario with default, range and source tag: the table of the README and of `scenario --fields`."""
+"""Every field of a scenario with default, range and source tag, for `scenario --fields` and the documentation."""
 
 from __future__ import annotations
 

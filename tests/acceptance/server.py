@@ -10,7 +10,7 @@ import sys
 import time
 from contextlib import contextmanager
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from needlebench import Client
 from service.server.server import serve
@@ -33,7 +33,7 @@ class Server:
     """
 
     def __init__(
-        self, data: Path, *, runner: str = FAKE, workers: int = 2, main: str = __name__, **settings: float
+        self, data: Path, *, runner: str = FAKE, workers: int = 2, main: str = __name__, **settings: Any
     ) -> None:
         self.data = data
         more = {"workers": workers, "port": 0, **settings}
@@ -68,7 +68,7 @@ class Server:
 
 
 @contextmanager
-def running_server(data: Path, *, runner: str = FAKE, workers: int = 2, **settings: float) -> Iterator[Server]:
+def running_server(data: Path, *, runner: str = FAKE, workers: int = 2, **settings: Any) -> Iterator[Server]:
     server = Server(data, runner=runner, workers=workers, **settings)
     try:
         yield server

@@ -22,5 +22,5 @@ def now() -> float:
 
 def main() -> None:
     """What the process of `Server` runs."""
-    core.Store = functools.partial(Store, now=now)  # type: ignore[misc,assignment]
+    core.Store = functools.partial(Store, now=now)  # type: ignore[attr-defined,assignment]
     server.main()

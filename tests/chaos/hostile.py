@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import json
-from typing import Any
+from typing import Any, cast
 from urllib.parse import quote, urlencode
 
 import requests
 import schemathesis
 from hypothesis import strategies as st
 from schemathesis import Case, GenerationMode
+from schemathesis.core.result import Ok
 
 from tests.chaos.wire import Request
 from tests.strategies import scenarios
@@ -82,19 +83,20 @@ def allowed_and_forbidden(document: dict[str, Any]) -> st.SearchStrategy[Request
     schema = schemathesis.openapi.from_dict(document)
     made = []
     for found in schema.get_all_operations():
+        assert isinstance(found, Ok)
         operation = found.ok()
         made += [operation.as_strategy(generation_mode=mode) for mode in GenerationMode]
     known = st.booleans()
     return st.builds(_of_case, st.one_of(made), known)
 
 
-def _of_case(case: Case, known: bool) -> Request:
+def _of_case(case: Case[Any], known: bool) -> Request:
     for name in case.path_parameters if known else ():
         if name in IDS:
             case.path_parameters[name] = KNOWN
     options = case.as_transport_kwargs(base_url="http://127.0.0.1")
     ready = requests.Request(**{name: value for name, value in options.items() if name in _SENT}).prepare()
-    body = ready.body.encode() if isinstance(ready.body, str) else ready.body
+    body = ready.body.encode() if isinstance(ready.body, str) else cast("bytes | None", ready.body)
     headers = [(str(name), value) for name, value in ready.headers.items() if name.lower() not in _ADDED]
     texts = tuple((name, value if isinstance(value, str) else value.decode("latin-1")) for name, value in headers)
     return Request(ready.method or "GET", ready.path_url, texts, body)

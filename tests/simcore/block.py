@@ -17,6 +17,8 @@ from simcore.scenario.scenario import Scenario, Tissue
 from simcore.tissue.model import TissueModel, elastic_forces, rotated_stiffness_times
 
 if TYPE_CHECKING:
+    from collections.abc import Iterable
+
     from simcore.insertion.insertion import Insertion, InsertionState
 
 Vector = NDArray[np.float64]
@@ -28,7 +30,7 @@ FORWARD_M = np.arange(1, 61) * 5e-4
 CURVED_M = np.concatenate([FORWARD_M, 0.03 - FORWARD_M[:30], 0.015 + FORWARD_M[:40]])  # push, pull, push beyond
 
 
-def block_scenario(**blocks: dict[str, Any]) -> Scenario:
+def block_scenario(**blocks: Any) -> Scenario:
     """The small block at 10 mm (2 x 4 x 6 cells) with a tight solver; keywords update the scenario's blocks."""
     data: dict[str, Any] = {
         "tissue": {"size_mm": BLOCK_MM, "element_size_mm": 10.0},
@@ -70,7 +72,7 @@ def travel(insertion: Insertion, state: InsertionState, poses: list[Pose]) -> li
     return states
 
 
-def straight_poses(first: Pose, depths_m: Vector) -> list[Pose]:
+def straight_poses(first: Pose, depths_m: Iterable[float]) -> list[Pose]:
     """`first` moved along its own axis to each depth."""
     return [moved(first, depth * first.rotation[:, 2]) for depth in depths_m]
 
@@ -84,14 +86,14 @@ class Trip:
     poses: list[Pose]
 
 
-def curved_trip(depths_m: Vector = CURVED_M, **blocks: dict[str, object]) -> Trip:
+def curved_trip(depths_m: Iterable[float] = CURVED_M, **blocks: Any) -> Trip:
     insertion = insertion_of(block_scenario(**blocks))
     start = insertion.initial_state(AHEAD)
     poses = [curved_pose(start.base, depth) for depth in depths_m]
     return Trip(insertion, travel(insertion, start, poses), poses)
 
 
-def straight_trip(depths_m: Vector, **blocks: dict[str, object]) -> Trip:
+def straight_trip(depths_m: Iterable[float], **blocks: Any) -> Trip:
     insertion = insertion_of(block_scenario(**blocks))
     start = insertion.initial_state(AHEAD)
     poses = straight_poses(start.base, depths_m)
@@ -104,7 +106,7 @@ def straight_trip(depths_m: Vector, **blocks: dict[str, object]) -> Trip:
 def block(
     edge_mm: float = 10.0, size_mm: tuple[float, float, float] = (20.0, 30.0, 40.0), **fields: object
 ) -> TissueModel:
-    return tissue_model(Tissue(size_mm=size_mm, element_size_mm=edge_mm, **fields))  # type: ignore[arg-type]
+    return tissue_model(Tissue(size_mm=size_mm, element_size_mm=edge_mm, **fields))
 
 
 def cold(model: TissueModel) -> Vector:

@@ -39,8 +39,8 @@ def small_strain_matrix(nodes: Vector, tets: Indices, young_pa: float, poisson: 
     for row, pairs in enumerate([[(0, 0)], [(1, 1)], [(2, 2)], [(1, 2), (2, 1)], [(0, 2), (2, 0)], [(0, 1), (1, 0)]]):
         for derivative, component in pairs:
             b[:, row, :, component] = slopes[:, derivative]
-    b = b.reshape(len(tets), 6, 12)
-    local = np.einsum("tia,ij,tjb->tab", b, d, b) * (np.abs(np.linalg.det(ones)) / 6.0)[:, None, None]
+    strains = b.reshape(len(tets), 6, 12)
+    local = np.einsum("tia,ij,tjb->tab", strains, d, strains) * (np.abs(np.linalg.det(ones)) / 6.0)[:, None, None]
     return assembled(local, tets, len(nodes))
 
 
@@ -86,7 +86,7 @@ class Iterate:
     force: Vector
     arc: Vector
 
-    def after(self, free: Indices, step: Vector) -> Iterate:
+    def after(self, free: Indices, step: NDArray[np.floating]) -> Iterate:
         """Moved by (3 f + 6 m + 3 a + a,) increments of free tissue nodes, needle, forces, arc lengths."""
         m, a = len(self.needle_x) - 1, len(self.arc)
         tissue, needle, force, arc = np.split(step, np.cumsum([3 * len(free), 6 * m, 3 * a]))
@@ -295,5 +295,5 @@ class FullNewton:
         """Arc length of the foot of the perpendicular from a point (3,) m."""
         for _ in range(10):
             c, dc, ddc, _, _ = self.shaft(at.needle_x, at.needle_R, arc)
-            arc += (point - c) @ dc / (dc @ dc - (point - c) @ ddc)
+            arc += float((point - c) @ dc / (dc @ dc - (point - c) @ ddc))
         return float(arc)

@@ -11,11 +11,13 @@ import pytest
 
 from simcore.errors import Status
 from simcore.metric_definitions import METRICS, SERIES, STATUSES, UNIT_OF_SUFFIX, UNITS
-from simcore.rollout.rollout import Rollout, run
+from simcore.rollout.rollout import run
 from tests.simcore.short_run import LINE, replay, short
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping
+
+    from simcore.rollout.result import Rollout
 
 GOLDEN = Path(__file__).parents[2] / "benchmarks" / "results" / "builtin_scenarios.json"
 BLOCKS = ("metrics", "timing", "solver")

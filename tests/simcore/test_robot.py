@@ -13,6 +13,7 @@ from simcore.insertion.insertion import rotation_towards
 from simcore.insertion.state import Pose
 from simcore.robot import RobotLimits, limited_pose
 from simcore.rotations import exp_map, log_map
+from tests.budget import examples
 
 Vector = np.ndarray
 
@@ -26,7 +27,7 @@ sizes = st.floats(-9.0, 0.5).map(lambda e: 10.0**e)
 turns = st.floats(0.1, 3600.0).map(math.radians)
 limits = st.builds(RobotLimits, max_speed_m_s=st.floats(1e-4, 1.0), max_turn_rad_s=turns)
 steps = st.floats(1e-4, 0.1)
-quick = settings(max_examples=200, deadline=None)
+quick = settings(max_examples=examples(200), deadline=None)
 
 
 @st.composite

@@ -11,6 +11,7 @@ from scipy.linalg import polar
 from scipy.spatial.transform import Rotation
 
 from simcore import rotations
+from tests.budget import examples
 
 directions = arrays(np.float64, 3, elements=st.floats(-1.0, 1.0)).filter(lambda v: np.linalg.norm(v) > 1e-3)
 angles = st.one_of(
@@ -18,7 +19,7 @@ angles = st.one_of(
     st.floats(-16.0, -2.0).map(lambda e: 10.0**e),  # small angles
     st.floats(-12.0, -2.0).map(lambda e: np.pi - 10.0**e),  # close to half a turn
 )
-quick = settings(max_examples=150, deadline=None)
+quick = settings(max_examples=examples(150), deadline=None)
 
 
 def turn(direction: np.ndarray, angle: float) -> np.ndarray:

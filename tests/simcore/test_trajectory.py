@@ -11,6 +11,7 @@ from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
 from simcore.trajectory import Path, held_noise, step_count, targets
+from tests.budget import examples
 
 if TYPE_CHECKING:
     from simcore.arrays import Floats
@@ -86,7 +87,7 @@ def test_points_run_at_constant_speed(path: Path) -> None:
     np.testing.assert_allclose(np.interp(path.parameter(s), u, lengths), s, atol=2e-8 * path.length_m)
 
 
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=examples(60), deadline=None)
 @given(paths(), st.lists(st.floats(0.0, 1.0), min_size=1, max_size=5))
 def test_parameter_inverts_the_arc_length(path: Path, shares: list[float]) -> None:
     u, _, lengths = dense(path, 20_001)
@@ -103,7 +104,7 @@ def test_the_ends_are_exact_and_clipped(path: Path) -> None:
     np.testing.assert_allclose(path.point(np.array([length, length + 1e-9, 9.0])), [end] * 3, atol=1e-14)
 
 
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=examples(60), deadline=None)
 @given(paths())
 def test_the_overlay_is_a_unit_vector_across_the_chord(path: Path) -> None:
     assume(not path.is_straight)
@@ -162,7 +163,7 @@ def test_distance_along_the_normal_within_the_curvature(path: Path) -> None:
     normal = np.cross(path.chord / np.linalg.norm(path.chord), path.overlay)  # out of the plane: never bent towards
     for off in (1e-6, 1e-3, 0.05, 1.0):
         np.testing.assert_allclose(path.distance_m(path.curve(u) + off * normal), off, rtol=1e-9)
-    bend = np.linalg.norm(path.chord) ** 2 / (path.amplitude_m * (2 * np.pi * path.periods) ** 2)
+    bend = float(np.linalg.norm(path.chord) ** 2 / (path.amplitude_m * (2 * np.pi * path.periods) ** 2))
     across = np.cross(tangents, normal)
     for off in (0.2 * bend, -0.2 * bend):
         np.testing.assert_allclose(path.distance_m(path.curve(u) + off * across), abs(off), rtol=1e-6)
@@ -175,7 +176,7 @@ def test_distance_from_a_line_and_beyond_its_ends() -> None:
     assert line.distance_m(np.array([0.0, 0.001, 0.01])) == pytest.approx([0.001])
 
 
-@settings(max_examples=40, deadline=None)
+@settings(max_examples=examples(40), deadline=None)
 @given(paths(), vectors)
 def test_distance_is_the_smallest_one(path: Path, point: Floats) -> None:
     """Far beyond the centre of curvature too, where Newton's method for the foot point runs away."""
@@ -206,7 +207,7 @@ def test_step_count(length: float, speed: float, dt: float, steps: int) -> None:
     assert step_count(length, speed, dt) == steps
 
 
-@settings(max_examples=300)
+@settings(max_examples=examples(300))
 @given(st.integers(1, 1_000_000), st.integers(1, 10_000), st.integers(1, 1000))
 def test_an_exact_quotient_is_not_rounded_up(steps: int, speed_um_s: int, dt_tenth_ms: int) -> None:
     speed, dt = speed_um_s * 1e-6, dt_tenth_ms * 1e-4
@@ -223,7 +224,7 @@ def test_targets_slide_at_constant_speed_and_stop_at_the_end(path: Path, dt: flo
     np.testing.assert_allclose(points[0], path.entry_m, atol=1e-15)
     np.testing.assert_allclose(points[-1], path.curve(np.ones(1))[0], atol=1e-10)
     u, _, lengths = dense(path)
-    walked = np.interp(path.parameter(0.01 * dt * np.arange(steps + 1)), u, lengths)
+    walked = np.interp(path.parameter(0.01 * dt * np.arange(steps + 1, dtype=np.float64)), u, lengths)
     np.testing.assert_allclose(np.diff(walked)[:-1], 0.01 * dt, rtol=1e-3)
     assert 0.0 < np.diff(walked)[-1] <= 0.01 * dt * (1 + 1e-3)
 

@@ -9,12 +9,13 @@ from hypothesis import strategies as st
 
 from benchmarks.learning.training_insertions import grid_mm
 from benchmarks.paper import sampling
+from tests.budget import examples
 
 seeds = st.integers(0, 2**32 - 1)
 
 
 @given(seeds)
-@settings(max_examples=20, deadline=None)
+@settings(max_examples=examples(20), deadline=None)
 def test_points_keep_their_distance_for_every_seed(seed: int) -> None:
     points = sampling.end_points_mm(100, seed=seed)
     grid = grid_mm()
@@ -34,7 +35,7 @@ def test_points_fill_the_face() -> None:
 
 
 @given(st.integers(1, 100))
-@settings(max_examples=10)
+@settings(max_examples=examples(10))
 def test_the_first_points_do_not_depend_on_the_count(count: int) -> None:
     assert np.array_equal(sampling.end_points_mm(count), sampling.end_points_mm()[:count])
 

@@ -28,11 +28,12 @@ from benchmarks.paper.statistics import (
     wilcoxon_p,
     wilson,
 )
+from tests.budget import examples
 
 ERRORS = st.lists(st.one_of(st.floats(0.0, 5.0), st.just(math.inf)), min_size=1, max_size=30)
 CHANGES = st.lists(st.one_of(st.floats(-5.0, 5.0), st.just(math.inf), st.just(-math.inf)), max_size=30)
 
-FEW = settings(deadline=None, max_examples=40)  # exact tests with ties take a while
+FEW = settings(deadline=None, max_examples=examples(40))  # exact tests with ties take a while
 
 
 # ---- medians

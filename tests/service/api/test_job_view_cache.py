@@ -16,6 +16,7 @@ from service.api.context import Service
 from service.api.job_view_cache import EncodedJob, JobViewCache
 from service.settings import Settings
 from service.store.job import IllegalTransitionError, Job, Outcome, UnknownJobError
+from tests.budget import examples
 from tests.service.http import idle_service
 
 if TYPE_CHECKING:
@@ -68,7 +69,7 @@ def change(service: Service, what: str, job: Job) -> None:
 _CHANGES = ("claim", "beat", "finish", "exchange", "crash", "recover", "retry", "pin", "unpin", "cancel", "delete")
 
 
-@settings(max_examples=25)
+@settings(max_examples=examples(25))
 @given(st.lists(st.sampled_from(_CHANGES), max_size=12))
 def test_every_change_is_seen(changes: list[str]) -> None:
     with tempfile.TemporaryDirectory() as folder:

@@ -10,6 +10,7 @@ from hypothesis import strategies as st
 
 from service.api.problems import echoed
 from service.settings import Limits
+from tests.budget import examples
 from tests.service.http import idle_service
 
 if TYPE_CHECKING:
@@ -132,7 +133,7 @@ VALUES = st.recursive(
 )
 
 
-@settings(max_examples=150, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@settings(max_examples=examples(150), deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(VALUES)
 def test_no_body_makes_the_server_fail(http: TestClient, value: Any) -> None:
     for body in (value, {"scenario": value}, {"scenario": {"tissue": value, "controller": value}}):

@@ -138,6 +138,7 @@ def test_folders_without_a_job_and_of_earlier_attempts_are_swept(both: tuple[Tes
         if running.attempt == 1:
             service.store.requeue(running, reason="signal 9", crashed=True)
     assert clear(service.store, folder, Policy(), dry_run=False).orphans == ("0123456789abcdef",)
+    assert running is not None
     service.store.finish(running, Outcome(state="succeeded", result={}))
     assert clear(service.store, folder, Policy(), dry_run=False).orphans == (f"{job}/1",)
     assert sorted(os.listdir(folder)) == sorted([kept, job])

@@ -25,6 +25,7 @@ from service.store.job import (
 )
 from service.store.job_queries import NEXT
 from service.store.jobs import Store
+from tests.budget import examples
 from tests.service.databases import lay_down
 
 if TYPE_CHECKING:
@@ -290,7 +291,7 @@ def test_a_clock_that_is_set_back_orders_nothing(tmp_path: Path) -> None:
 ACTIONS = ("retry", "claim", "finish", "fail", "crash", "stop", "cancel", "recover", "beat")
 
 
-@settings(max_examples=25, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@settings(max_examples=examples(25), deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(st.lists(st.sampled_from(ACTIONS), max_size=25))
 def test_whatever_happens_only_legal_steps_are_taken(store: Store, actions: list[str]) -> None:
     job = submit(store)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from itertools import product
+from typing import Any
 
 import numpy as np
 import pytest
@@ -11,12 +12,13 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from simcore.contact.laws import Law, Response, Staircase, solve_laws, staircases
+from tests.budget import examples
 from tests.verification import verify
 
 Vector = np.ndarray
 LENGTH_M, CUTTING_N, PUNCTURE_N = 0.1, 0.1, 0.12
 SLACK_N = 3e-9  # the laws are settled to 1e-9 N each
-quick = settings(max_examples=150, deadline=None)
+quick = settings(max_examples=examples(150), deadline=None)
 
 
 @dataclass
@@ -63,7 +65,7 @@ def random_problem(
     root = rng.normal(size=(3 * elements, 3 * elements))
     w = 1e-2 * (np.eye(3 * elements) + root @ root.T / (3 * elements))
     gap = rng.normal(scale=2e-3, size=(elements, 3))
-    arc_old = LENGTH_M - 0.01 * np.arange(elements) + (1e-3 if withdrawn else 0.0)
+    arc_old: Vector = LENGTH_M - 0.01 * np.arange(elements) + (1e-3 if withdrawn else 0.0)
     stair = Staircase.of_size(elements)
     mode = rng.integers(0, 3, elements)
     base = np.zeros(elements) if contact else rng.uniform(0.0, 0.06, elements)
@@ -217,7 +219,8 @@ def test_surface_slip_is_opposite_to_its_friction() -> None:
     p.mode[:], p.arc[:] = 1, LENGTH_M
     force, _ = p.solved()
     slip = -p.gaps(force)[0, :2]
-    size, numbers = np.hypot(*force[0, :2]), {"tolerance": 1e-9, "source": "Coulomb"}
+    size = np.hypot(*force[0, :2])
+    numbers: dict[str, Any] = {"tolerance": 1e-9, "source": "Coulomb"}
     text = "surface contact that slips over an anisotropic tissue"
     verify("coupled", f"{text}: |friction| / normal force", expected=0.2, measured=size / force[0, 2], **numbers)
     slipping = slip / np.hypot(*slip)
@@ -226,7 +229,7 @@ def test_surface_slip_is_opposite_to_its_friction() -> None:
 
 def test_stick_and_slip_both_occur() -> None:
     """Non-vacuity of the cases above: each mode of each kind of element is met."""
-    met = {key: set() for key in ("tip", "withdrawn", "shaft", "contact")}
+    met: dict[str, set[int]] = {key: set() for key in ("tip", "withdrawn", "shaft", "contact")}
     for seed in range(300):
         plain = random_problem(seed, 2, 0.1)
         plain.solved()

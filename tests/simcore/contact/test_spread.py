@@ -11,6 +11,7 @@ from hypothesis.extra.numpy import arrays
 from simcore.contact.ball import Ball, ball_weights, displaced
 from simcore.insertion.compliance import Compliance
 from simcore.mesh.mesh import BoxMesh, box_mesh, locate
+from tests.budget import examples
 from tests.simcore.block import block
 from tests.verification import verify
 
@@ -20,7 +21,7 @@ CELLS = (5, 6, 7)
 MESH = box_mesh(SIZE_M, CELLS)
 RADIUS_M = 4e-3
 shares = arrays(np.float64, 3, elements=st.floats(0.0, 1.0))
-quick = settings(max_examples=100, deadline=None)
+quick = settings(max_examples=examples(100), deadline=None)
 
 
 def ball_at(centre: Vector, radius_m: float = RADIUS_M, mesh: BoxMesh = MESH) -> Vector:
@@ -109,6 +110,7 @@ def entry_compliances(radius_m: float, cells: Vector) -> Vector:
     values = []
     for n in cells:
         model = block(24.0 / n, (24.0, 24.0, 24.0))
+        assert isinstance(model.mesh, BoxMesh)
         weights = ball_at(np.array([0.012, 0.012, 0.0]), radius_m, model.mesh)
         free, right = model.unknown >= 0, np.zeros((model.unknowns // 3, 3))
         right[model.unknown[free], 2] = weights[free]

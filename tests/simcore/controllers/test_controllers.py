@@ -22,6 +22,7 @@ from simcore.insertion.state import Pose
 from simcore.rotations import exp_map, log_map, skew
 from simcore.scenario.scenario import InverseFem, Scenario
 from simcore.trajectory import targets
+from tests.budget import examples
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -31,7 +32,7 @@ LENGTH_M = 0.18
 
 jacobians = st.integers(0, 2**32 - 1).map(lambda seed: np.random.default_rng(seed).normal(size=(5, 6)))
 dampings = st.floats(1e-3, 10.0)
-quick = settings(max_examples=100, deadline=None)
+quick = settings(max_examples=examples(100), deadline=None)
 
 
 # ---- the damped inverse

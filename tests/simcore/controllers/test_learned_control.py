@@ -283,7 +283,7 @@ def test_a_registered_controller_is_run_with_its_settings() -> None:
 @pytest.mark.parametrize("answer", ANSWERS)
 def test_an_answer_that_is_no_pose_names_the_plug_in_and_the_step(answer: str, monkeypatch: pytest.MonkeyPatch) -> None:
     wrong, message = ANSWERS[answer]
-    monkeypatch.setitem(ANSWERS, answer, wrong)  # type: ignore[arg-type]
+    monkeypatch.setitem(ANSWERS, answer, wrong)
     controller = controller_of({"kind": "plugin", "name": "straight", "settings": {"answer": answer}})
     with pytest.raises(PluginError, match=rf"controller 'straight' answered step 7 with .*{message}"):
         controller.command(seen(ENTRY, step=7))

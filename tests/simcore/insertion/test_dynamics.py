@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 from functools import partial
 from itertools import pairwise
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pytest
@@ -139,7 +139,7 @@ def test_friction_cone_and_complementarity_at_every_step(curved: Trip) -> None:
             met.add(("tip" if e == 0 else "shaft", int(newton.modes[j])))
     assert met >= {(kind, mode) for kind in ("tip", "shaft") for mode in (0, 1, 2)}
     source = "Coulomb with adhesion, specification of the interaction; stick, both slips, cutting and withdrawal occur"
-    numbers = {"expected": 0, "source": source}
+    numbers: dict[str, Any] = {"expected": 0, "source": source}
     check("friction cone, every point and step: excess", measured=max(cone), tolerance=1e-8, unit="N", **numbers)
     for name, measured in (("slipping", max(slack)), ("cutting", spare)):
         text = f"complementarity: force short of its level while {name}"

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from functools import partial
 from itertools import pairwise
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pytest
@@ -70,7 +70,7 @@ def test_forces_and_moments_balance_at_every_step(curved: Trip) -> None:
             load = load[before.channel.active_elements()].T @ force
             reaction = (held(tissue, after.bodies.x)[0] - load)[fixed].sum(axis=0)
             outer.append(reaction + base[:3])
-    numbers = {"expected": 0, "source": "Newton's third law"}
+    numbers: dict[str, Any] = {"expected": 0, "source": "Newton's third law"}
     check("base force - point forces, every step", measured=inner, tolerance=5e-8, unit="N", **numbers)
     check("base moment - moment of the points, every step", measured=moments, tolerance=5e-9, unit="N m", **numbers)
     check("base force + reaction of the held faces, every step", measured=outer, tolerance=2e-7, unit="N", **numbers)
@@ -109,7 +109,8 @@ def test_signorini_before_puncture() -> None:
     trip = straight_trip(np.array([-1e-4, 2e-4, 4e-4, 1e-4, -1e-4]), interaction={"puncture_n": 1.0})
     forces = [state.base_wrench[2] for state in trip.states]
     surface = [s.channel.position(trip.insertion.model.channel, 0, s.bodies.x)[2] for s in trip.states]
-    text, numbers = "before puncture", {"source": "Signorini: force or gap"}
+    text = "before puncture"
+    numbers: dict[str, Any] = {"source": "Signorini: force or gap"}
     check(f"{text}: force without contact", expected=0, measured=forces[1::4], tolerance=1e-8, unit="N", **numbers)
     depths = [2e-4, 4e-4, 1e-4]
     check(f"{text}: depth of the surface", expected=depths, measured=surface[2:5], tolerance=1e-6, unit="m", **numbers)
@@ -148,7 +149,7 @@ def test_axial_force_law(element_mm: float, spacing_mm: float) -> None:
     assert len(pulling) > 20
     for name, states, cutting, sign in (("pushing", pushing, CUTTING_N, 1.0), ("pulling", pulling, 0.0, -1.0)):
         expected = [cutting + sign * ADHESION_N_PER_M * s.inserted_m for s in states]
-        numbers = {"expected": expected, "measured": [s.base_wrench[2] for s in states], "unit": "N"}
+        numbers: dict[str, Any] = {"expected": expected, "measured": [s.base_wrench[2] for s in states], "unit": "N"}
         text = f"axial force {name}, h = {element_mm:g} mm, spacing {spacing_mm:g} mm"
         forces_check(text, **numbers, tolerance=1e-4, relative=True, source=AXIAL)
 
@@ -176,7 +177,7 @@ def test_pushed_in_again_it_does_not_cut_before_the_channel_end(cycle: Trip) -> 
         assert s.base_wrench[2] <= ADHESION_N_PER_M * s.inserted_m + 1e-8
         assert s.channel.length_m == length
     expected = [CUTTING_N + ADHESION_N_PER_M * s.inserted_m for s in beyond]
-    numbers = {"expected": expected, "measured": [s.base_wrench[2] for s in beyond], "unit": "N"}
+    numbers: dict[str, Any] = {"expected": expected, "measured": [s.base_wrench[2] for s in beyond], "unit": "N"}
     text = "axial force pushed in again, beyond the old channel end"
     forces_check(text, **numbers, tolerance=1e-6, relative=True, source=AXIAL)
 
@@ -229,7 +230,7 @@ def test_results_do_not_depend_on_the_solver_tolerance(curved: Trip, exponent: i
     tip = max(np.abs(a.tip_m - b.tip_m).max() for a, b in pairs)
     force = max(np.abs(a.base_wrench[:3] - b.base_wrench[:3]).max() for a, b in pairs)
     text, source = f"solver tolerances {tolerance:g} N, {tolerance:g} mm", "the same trip at 3e-9 N, 1e-9 mm"
-    numbers = {"expected": 0, "source": source}
+    numbers: dict[str, Any] = {"expected": 0, "source": source}
     check(f"{text}: tip, every step", measured=1e3 * tip, tolerance=20.0 * tolerance, unit="mm", **numbers)
     check(f"{text}: base force, every step", measured=force, tolerance=3.0 * tolerance, unit="N", **numbers)
 
@@ -249,7 +250,8 @@ def test_a_reflected_path_gives_the_reflected_tip(axis: int) -> None:
         states = travel(insertion, insertion.initial_state(AHEAD), poses)
         tips.append(np.array([s.tip_m for s in states]))
         forces.append(np.array([s.base_wrench[:3] for s in states]))
-    text, numbers = f"path reflected in {'xy'[axis]}", {"expected": 0, "source": "symmetry of block and mesh"}
+    text = f"path reflected in {'xy'[axis]}"
+    numbers: dict[str, Any] = {"expected": 0, "source": "symmetry of block and mesh"}
     misses = tips[1] - (tips[0] @ mirror + shift), forces[1] - forces[0] @ mirror
     verify("tissue", f"{text}: reflected tip", measured=misses[0], tolerance=1e-10, unit="m", **numbers)
     verify("tissue", f"{text}: reflected force", measured=misses[1], tolerance=1e-7, unit="N", **numbers)
@@ -258,7 +260,7 @@ def test_a_reflected_path_gives_the_reflected_tip(axis: int) -> None:
 # failures
 
 
-def deep_state(**blocks: dict[str, object]) -> tuple[Insertion, InsertionState]:
+def deep_state(**blocks: Any) -> tuple[Insertion, InsertionState]:
     trip = straight_trip(np.arange(1, 21) * 1e-3, **blocks)
     return trip.insertion, trip.states[-1]
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pytest
@@ -49,7 +49,7 @@ class Case:
         return both[:3], both[3:]
 
 
-def case(step: int, **blocks: dict[str, object]) -> Case:
+def case(step: int, **blocks: Any) -> Case:
     """Step number `step` of a curved push to 30 mm (steps 0 to 59) and pull of 5 mm (60 to 79)."""
     insertion = insertion_of(block_scenario(**blocks))
     state = insertion.initial_state(AHEAD)

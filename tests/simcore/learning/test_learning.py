@@ -27,6 +27,7 @@ from simcore.learning import (
 )
 from simcore.learning.regressor import DataError, ridge_solution
 from simcore.learning.trained import ModelFaultError
+from tests.budget import examples
 
 Vector = np.ndarray
 RNG = np.random.default_rng(5)
@@ -84,7 +85,7 @@ def test_one_node_by_hand() -> None:
     np.testing.assert_allclose(machine.predict(at), [[13.0], [18.0], [8.0]], rtol=1e-14)  # g = 1/2, 3/4, 1/4
 
 
-@settings(max_examples=30, deadline=None)
+@settings(max_examples=examples(30), deadline=None)
 @given(st.integers(0, 2**32 - 1), st.floats(1e-6, 10.0))
 def test_the_ridge_is_that_of_the_normal_equations(seed: int, ridge: float) -> None:
     rng = np.random.default_rng(seed)

@@ -10,11 +10,12 @@ from hypothesis.extra.numpy import arrays
 
 from simcore.mesh.mesh import BoxMesh, box_mesh, locate
 from simcore.scenario.scenario import Tissue
+from tests.budget import examples
 from tests.verification import verify
 
 SIZE_M = np.array([0.036, 0.062, 0.122])
 counts = st.integers(1, 5)
-quick = settings(max_examples=100, deadline=None)
+quick = settings(max_examples=examples(100), deadline=None)
 
 
 def face_sets(tets: np.ndarray) -> np.ndarray:

@@ -25,6 +25,8 @@ from simcore.scenario.scenario import Scenario
 from tests.simcore.block import BLOCK_MM, block_scenario
 
 if TYPE_CHECKING:
+    from collections.abc import Callable
+
     from simcore.rollout.result import Rollout
 
 Vector = NDArray[np.float64]
@@ -268,7 +270,7 @@ def changed(points: Vector, row: int, value: float) -> Vector:
 MM = BOX.nodes_m * 1e3
 TETS = [("tetra", BOX.tets)]
 FAR = MM + np.array([0.0, 0.0, 100.0])
-BAD = [
+BAD: list[tuple[Callable[[Path], Path], str]] = [
     (lambda f: f / "none.msh", "cannot be read: No such file"),
     (lambda f: f / "box.stl", "must end in .msh, .vtu, .vtk, .mesh, .inp"),
     (lambda f: f, "must end in"),

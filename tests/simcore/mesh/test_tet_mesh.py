@@ -16,6 +16,7 @@ from simcore.mesh.mesh import Mesh, box_mesh
 from simcore.mesh.numbering import free_node_order, half_bandwidth
 from simcore.mesh.quality import fault_of_mesh
 from simcore.mesh.tet_mesh import TetMesh
+from tests.budget import examples
 
 Vector = NDArray[np.float64]
 Indices = NDArray[np.int64]
@@ -23,7 +24,7 @@ Indices = NDArray[np.int64]
 SIZE_M = np.array([0.036, 0.062, 0.122])
 BOX = box_mesh(SIZE_M, (4, 6, 12))
 AS_TETS = TetMesh.of(BOX.nodes_m, BOX.tets, {})
-quick = settings(max_examples=100, deadline=None)
+quick = settings(max_examples=examples(100), deadline=None)
 shares = arrays(np.float64, 3, elements=st.floats(0.0, 1.0))
 
 

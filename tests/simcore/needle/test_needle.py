@@ -91,8 +91,8 @@ def loaded(model: NeedleModel, load: Vector, steps: int, x: Vector, R: Vector) -
 
 def test_section_of_the_18_gauge_needle() -> None:
     # specification of the needle: EI = 2.07e-2 N m2, Cowper's coefficient 0.565
-    numbers = {"expected": 2.07e-2, "measured": EIGHTEEN_GAUGE.bending_nm2, "tolerance": 5e-5, "unit": "N m2"}
-    check("18G: EI", **numbers, source="specification of the needle")
+    stiffness, source = EIGHTEEN_GAUGE.bending_nm2, "specification of the needle"
+    check("18G: EI", expected=2.07e-2, measured=stiffness, tolerance=5e-5, unit="N m2", source=source)
     assert EIGHTEEN_GAUGE.torsion_nm2 == pytest.approx(EIGHTEEN_GAUGE.bending_nm2 / 1.29, rel=1e-12)
     coefficient = cowper_coefficient(0.838 / 1.27, 0.29)
     check("18G: shear coefficient", expected=0.565, measured=coefficient, tolerance=5e-4, source="Cowper 1966")
@@ -202,7 +202,7 @@ def test_small_tip_deflection_is_timoshenkos(axis: int, shear_n: float, name: st
     solution = loaded(model, load * np.eye(6)[axis], 1, x, R)
     tip, slope = solution.x[-1, axis], solution.R[-1, axis, 2]
     text, source = f"cantilever, {name}, load along {'xy'[axis]}", "Timoshenko and Gere: P L^3 / 3 EI + P L / kGA"
-    numbers = {"tolerance": 1e-6, "relative": True, "source": source}
+    numbers: dict[str, Any] = {"tolerance": 1e-6, "relative": True, "source": source}
     check(f"{text}: tip deflection / L", expected=load / 3 + load / shear_n, measured=tip, **numbers)
     check(f"{text}: slope of the tip", expected=load / 2, measured=slope, **numbers)
     assert abs(solution.x[-1, 1 - axis]) < 1e-12

@@ -111,7 +111,7 @@ def test_each_fault_of_a_file_is_one_clear_message(tmp_path: Path, fault: str) -
 
 
 def test_arrays_that_are_missing_are_named(tmp_path: Path) -> None:
-    arrays = small().arrays()
+    arrays: dict[str, Any] = small().arrays()
     del arrays["tip_m"], arrays["drawn"]
     np.savez(tmp_path / "data.npz", **arrays)
     with pytest.raises(DatasetError, match="lacks the arrays tip_m, drawn"):

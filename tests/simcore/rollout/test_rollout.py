@@ -24,6 +24,7 @@ from simcore.rollout.result import UNDIGESTED, Rollout, digest
 from simcore.rollout.rollout import run
 from simcore.scenario.scenario import Scenario
 from simcore.trajectory import held_noise
+from tests.budget import examples
 from tests.simcore.short_run import LINE, STEPS, replay, short
 from tests.strategies import small_runs
 from tests.verification import verify
@@ -364,7 +365,7 @@ def test_the_loop_has_one_thread(monkeypatch: pytest.MonkeyPatch) -> None:
 # ---- any small scenario
 
 
-@settings(max_examples=50, deadline=None, suppress_health_check=list(HealthCheck))
+@settings(max_examples=examples(50), deadline=None, suppress_health_check=list(HealthCheck))
 @given(small_runs())
 def test_any_small_run_ends_by_name_with_finite_rows_and_a_stable_digest(data: dict[str, Any]) -> None:
     scenario = Scenario.load(data)

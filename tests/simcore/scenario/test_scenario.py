@@ -13,11 +13,12 @@ from pydantic import ValidationError
 
 from simcore.scenario.controller_blocks import KINDS as CONTROLLERS
 from simcore.scenario.scenario import SCHEMA, Scenario
+from tests.budget import examples
 from tests.simcore.scenario.scenario_fields import KINDS, STRAIGHT_IN, Json, refused
 from tests.strategies import scenarios
 
 
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=examples(60), deadline=None)
 @given(scenarios())
 def test_round_trip(data: Json) -> None:
     scenario = Scenario.load(data)

@@ -104,11 +104,8 @@ def models(model: type[BaseModel] = Scenario) -> set[type[BaseModel]]:
     return found
 
 
-FIELDS = [
-    pytest.param(model, name, id=f"{model.__name__}.{name}")
-    for model in sorted(models(), key=lambda m: m.__name__)
-    for name in model.model_fields
-]
+MODELS = sorted(models(), key=lambda m: m.__name__)
+FIELDS = [pytest.param(model, name, id=f"{model.__name__}.{name}") for model in MODELS for name in model.model_fields]
 
 
 @pytest.mark.parametrize(("model", "name"), FIELDS)
@@ -119,7 +116,7 @@ def test_a_field_has_a_description_and_a_default(model: type[BaseModel], name: s
     assert not info.is_required() or (model.__name__, name) in (("Replay", "poses"), ("Plugin", "name"))
 
 
-@pytest.mark.parametrize("model", sorted(models(), key=lambda m: m.__name__))
+@pytest.mark.parametrize("model", MODELS)
 def test_a_model_says_what_it_is(model: type[BaseModel]) -> None:
     assert model.__doc__
 

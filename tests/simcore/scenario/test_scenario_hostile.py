@@ -12,6 +12,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from simcore.scenario.scenario import Scenario
+from tests.budget import examples
 from tests.simcore.scenario.scenario_fields import (
     NUMBERS,
     STRAIGHT_IN,
@@ -113,7 +114,7 @@ values = st.recursive(
 )
 
 
-@settings(max_examples=100, deadline=None)
+@settings(max_examples=examples(100), deadline=None)
 @given(st.sampled_from(list(NUMBERS.values())), st.integers(1, 4), values)
 def test_any_value_anywhere_is_taken_or_refused_by_name(field: NumberField, depth: int, value: Any) -> None:
     data = replace(field, path=field.path[:depth]).with_value(value)

@@ -16,7 +16,9 @@ from scipy.linalg import polar
 from scipy.spatial.transform import Rotation
 
 from simcore.insertion.compliance import Compliance
+from simcore.mesh.mesh import BoxMesh
 from simcore.tissue.model import TissueModel, assemble_band
+from tests.budget import examples
 from tests.simcore.block import block, cold, held, relaxed, stiffness_times, surface_areas
 from tests.simcore.reference import (
     MANUFACTURED_DIRECTION,
@@ -31,7 +33,7 @@ from tests.verification import verify
 Vector = np.ndarray
 E_PA, NU = 6300.0, 0.4  # the defaults of the scenario
 LAME_PA, SHEAR_PA = E_PA * NU / ((1 + NU) * (1 - 2 * NU)), E_PA / (2 * (1 + NU))
-quick = settings(max_examples=100, deadline=None)
+quick = settings(max_examples=examples(100), deadline=None)
 check = partial(verify, "tissue")
 
 
@@ -73,6 +75,7 @@ def test_patch() -> None:
     stretch = polar(np.eye(3) + slope)[1]
     strain = stretch - np.eye(3)
     density = SHEAR_PA * np.sum(strain**2) + 0.5 * LAME_PA * np.trace(strain) ** 2
+    assert isinstance(model.mesh, BoxMesh)
     expected, text = density * model.mesh.size_m.prod(), "patch test: energy"
     check(text, expected=expected, measured=energy, tolerance=1e-12, relative=True, source=source, unit="J")
 
@@ -178,7 +181,7 @@ def test_band_is_the_matrix_free_product(faces: tuple[str, ...]) -> None:
     model = block(fixed_faces=faces)
     rotations, rng = random_rotations(model), np.random.default_rng(3)
     diagonal = rng.uniform(0.1, 1.0, len(model.mesh.nodes_m))
-    band = np.empty((model.band + 1, model.unknowns), order="F")
+    band: Vector = np.empty((model.band + 1, model.unknowns), order="F")
     assemble_band(model.tetrahedra, rotations, model.unknown, 1.7, diagonal, band)
     v, free = np.zeros_like(model.mesh.nodes_m), model.unknown >= 0
     v[free] = rng.normal(size=(free.sum(), 3))

@@ -75,7 +75,7 @@ def test_the_target_in_the_tissue_frame_is_a_material_point() -> None:
     """Row i of the series is the rest target i where the tissue of row i has it, for the needle-deformed tissue too."""
     rollout = breathing_run("tissue")
     count = len(rollout.series["t_s"])
-    at_rest = rollout.scenario.path().point(0.01 * 0.01 * np.arange(count))
+    at_rest = rollout.scenario.path().point(0.01 * 0.01 * np.arange(count, dtype=np.float64))
     expected = carried(rollout, at_rest)[np.arange(count), np.arange(count)]
     np.testing.assert_allclose(rollout.series["target_m"], expected, atol=1e-12)
     assert (rollout.series["tissue_frame_step"] == np.arange(count)).all()
@@ -85,7 +85,7 @@ def test_the_target_in_the_tissue_frame_is_a_material_point() -> None:
 def test_the_target_in_the_world_frame_stays() -> None:
     rollout = breathing_run("world")
     count = len(rollout.series["t_s"])
-    at_rest = rollout.scenario.path().point(0.01 * 0.01 * np.arange(count))
+    at_rest = rollout.scenario.path().point(0.01 * 0.01 * np.arange(count, dtype=np.float64))
     np.testing.assert_allclose(rollout.series["target_m"], at_rest, atol=1e-15)
     assert np.abs(rollout.series["tissue_m"] - rollout.series["tissue_rest_m"]).max() > 0.01
 
