@@ -89,18 +89,19 @@ class _Bounded(logging.FileHandler):
     """A file that stops growing, and a full disk that stops nobody."""
 
     def __init__(self, path: Path) -> None:
-        super().__init__(path, encoding="utf-8")
+        super().__init__(path, encoding="utf-8", errors="backslashreplace")
         self._left = MAXIMUM_BYTES
 
     def emit(self, record: logging.LogRecord) -> None:
-        if self._left <= 0:
-            return
-        self._left -= len(record.getMessage()) + 40
-        if self._left <= 0:
-            record = logging.makeLogRecord(
-                {**record.__dict__, "msg": "the log is full: the rest is left out", "args": ()}
-            )
-        super().emit(record)
+        if self._left > 0:
+            super().emit(record)
+
+    def format(self, record: logging.LogRecord) -> str:
+        """The record with its trace, cut where the log is full."""
+        text = super().format(record)
+        cut = text[: self._left]
+        self._left -= len(text) + 1
+        return text if self._left > 0 else f"{cut}\nthe log is full: the rest is left out"
 
     def handleError(self, record: logging.LogRecord) -> None:  # noqa: N802  (logging's)
         """A log that cannot be written is no reason to stop a job."""

@@ -1,1 +1,1 @@
-"""The engine of a running service: slots, attempts, housekeeping, retention, metrics and health checks."""
+"""The engine of a running service: slots, their watchdog, attempts, housekeeping, retention, metrics, health checks."""

@@ -17,6 +17,7 @@ from service.worker.progress import INTERVAL_S
 if TYPE_CHECKING:
     from service.engine.attempt_trace import AttemptTrace
 
+BEAT_S = 10.0  # between two stored heartbeats of an attempt without news
 _log = logging.getLogger(ROOT)
 
 
@@ -41,8 +42,10 @@ class AttemptWatch:
     memory_mb: float
     _published: dict[str, Any] | None = field(default=None, init=False)
     _published_s: float = field(init=False)
+    _beat_s: float = field(init=False)
 
     def __post_init__(self) -> None:
+        self._beat_s = self.begun_s
         self._published_s = self.begun_s  # who looks within the first half second finds it running, which is enough
 
     def due(self, now_s: float, progress: dict[str, Any] | None) -> dict[str, Any] | None:
@@ -50,7 +53,15 @@ class AttemptWatch:
         if progress is None or progress == self._published or now_s - self._published_s < INTERVAL_S:
             return None
         self._published, self._published_s = progress, now_s
+        self._beat_s = now_s
         return progress
+
+    def beats(self, now_s: float) -> bool:
+        """Whether the heartbeat is to be stored now: nothing was for ten seconds."""
+        if now_s - self._beat_s < BEAT_S:
+            return False
+        self._beat_s = now_s
+        return True
 
     def ending(self, now_s: float, *, cancelled: bool, held_mb: float | None) -> Ending | None:
         """Why it must end now; None when it may go on. held_mb: of its worker, None where the system does not say."""
@@ -66,15 +77,17 @@ class AttemptWatch:
 class ProgressStore(Protocol):
     """The part of the store that a running attempt needs."""
 
-    def beat(self, job: Job, progress: dict[str, Any]) -> None:
-        """Store the progress of a running attempt."""
+    def beat(self, job: Job, progress: dict[str, Any] | None = None) -> None:
+        """Store that a running attempt is looked after, and its progress."""
 
     def cancel_requested(self, job_id: str) -> bool:
         """Whether somebody wants the job to stop."""
 
 
-def publish_progress(store: ProgressStore, trace: AttemptTrace, job: Job, due: dict[str, Any] | None) -> bool:
-    """Store the progress that is due, if any is; whether somebody wants the job to stop.
+def publish_progress(
+    store: ProgressStore, trace: AttemptTrace, job: Job, due: dict[str, Any] | None, *, beats: bool = False
+) -> bool:
+    """Store the progress that is due, if any is, or that the attempt is looked after; whether it is to be cancelled.
 
     A database that refuses (full disk, lock) is logged: the job goes on, and the next call tries again.
     """
@@ -82,6 +95,8 @@ def publish_progress(store: ProgressStore, trace: AttemptTrace, job: Job, due: d
         if due is not None:
             trace.add(job, due)
             store.beat(job, due)
+        elif beats:
+            store.beat(job)
         return store.cancel_requested(job.id)
     except SQLAlchemyError as error:
         _log.warning("job %s: %s", job.id, error)

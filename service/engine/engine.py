@@ -7,6 +7,7 @@ import threading
 from typing import TYPE_CHECKING
 
 from service.engine.slot import Signals, Slot
+from service.engine.watchdog import Watchdog
 
 if TYPE_CHECKING:
     from service.engine.attempt_trace import Point
@@ -27,17 +28,26 @@ class Engine:
         self._stopping = threading.Event()
         self._draining = threading.Event()
         self._news = threading.Condition()
+        signals = Signals(self._stopping, self._draining, self._news)
+
+        def new_slot(number: int) -> Slot:
+            return Slot(settings, store, signals, monitor, uploads, number)
+
         self._slots = [
-            Slot(settings, store, Signals(self._stopping, self._draining, self._news), monitor, uploads, number)
-            for number in range(settings.workers)
-        ]
+            new_slot(number) for number in range(settings.workers)
+        ]  # the watchdog replaces those that are lost
+        self._watchdog = Watchdog(store, self._slots, new_slot, self._stopping, self.wake)
 
     def start(self) -> None:
         """Requeue what a dead server left running, then begin."""
+        beats = {job.id: job.heartbeat_at for job in self._store.running()}
         for job in self._store.recover():
-            _log.warning("job %s was running when the server died: it is %s now", job.id, job.state)
+            silent_s = self._store.now - (beats.get(job.id) or self._store.now)
+            told = "job %s was running when the server died, last heard of %.0f s ago: it is %s now"
+            _log.warning(told, job.id, silent_s, job.state)
         for slot in self._slots:
             slot.start()
+        self._watchdog.start()
 
     def drain(self) -> None:
         """Start nothing new; running jobs may end."""
@@ -62,6 +72,8 @@ class Engine:
         """End the workers; running jobs go back into the queue, without a crash counted against them."""
         self._stopping.set()
         self.wake()
+        if self._watchdog.is_alive():
+            self._watchdog.join()
         for slot in self._slots:
             slot.join()
 
@@ -77,8 +89,24 @@ class Engine:
 
     @property
     def ready(self) -> int:
-        """How many slots have a warm worker."""
-        return sum(slot.pid is not None for slot in self._slots)
+        """How many slots have a warm worker and a thread that lives."""
+        return sum(slot.pid is not None and slot.is_alive() for slot in self._slots)
+
+    @property
+    def alive(self) -> int:
+        """How many slots have a thread that lives."""
+        return sum(slot.is_alive() for slot in self._slots)
+
+    @property
+    def ended_threads(self) -> list[str]:
+        """The threads that were started and live no more, by name: none, unless something is wrong."""
+        watchdog = [self._watchdog.name] if self._watchdog.ident and not self._watchdog.is_alive() else []
+        return [slot.name for slot in self._slots if slot.ended] + watchdog
+
+    @property
+    def silent_slots(self) -> list[str]:
+        """The slots that have not got on for a minute, by name: none, unless something is wrong."""
+        return self._watchdog.silent
 
     @property
     def problem(self) -> str | None:

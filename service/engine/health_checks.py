@@ -6,7 +6,7 @@ import tempfile
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Literal
 
-from service.files.disk import WARNED_BYTES, free_bytes, readable
+from service.files.disk import MINIMUM_FILES, WARNED_BYTES, WARNED_FILES, free_bytes, free_files, readable
 from service.store.database import touch
 from service.store.errors import SQLAlchemyError
 
@@ -41,18 +41,20 @@ def folder_check(data: Path) -> Check:
 
 
 def disk_check(data: Path, minimum_bytes: int) -> Check:
-    """Whether there is room: below the minimum no job is started."""
+    """Whether there is room, for bytes and for files: below either minimum no job is started."""
     try:
-        free = free_bytes(data)
+        free, files = free_bytes(data), free_files(data)
     except OSError as error:
         return Check(name="disk", level="bad", found=str(error), advice="mount the disk of the data folder")
-    found = f"{readable(free)} free"
-    advice = "remove old jobs: needlebench gc --older-than 30d"
+    found, advice = f"{readable(free)} free", "remove old jobs: needlebench gc --older-than 30d"
+    level: Level = "warn" if free < WARNED_BYTES else "ok"
     if free < minimum_bytes:
-        return Check(
-            name="disk", level="bad", found=f"{found}: no job is started below {readable(minimum_bytes)}", advice=advice
-        )
-    return Check(name="disk", level="warn" if free < WARNED_BYTES else "ok", found=found, advice=advice)
+        level, found = "bad", f"{found}: no job is started below {readable(minimum_bytes)}"
+    elif files is not None and files < WARNED_FILES:
+        level, found = "warn", f"{found}, room for {files} more files (inodes)"
+        if files < MINIMUM_FILES:
+            level, found = "bad", f"{found}: no job is started below {MINIMUM_FILES}"
+    return Check(name="disk", level=level, found=found, advice=advice)
 
 
 def database_check(store: Transactions) -> Check:

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 
 from service.campaigns import trends
 from service.store.schedule import STARTED
+from service.worker.failures import described
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -49,8 +50,8 @@ class Keeper(threading.Thread):
         while not self._stopping.wait(_TICK_S):
             try:
                 self.tick()
-            except Exception as error:  # noqa: BLE001  (a full disk, a locked database: the next tick tries again)
-                _log.error("campaigns, schedules, retention: %s: %s", type(error).__name__, error)
+            except BaseException as error:  # noqa: BLE001  (a full disk, a locked database: the next tick tries again)
+                _log.error("campaigns, schedules, retention: %s", described(error))
 
     def tick(self) -> None:
         """One round over all of them."""
@@ -66,6 +67,11 @@ class Keeper(threading.Thread):
             self._next_sweep = self._clock() + SWEEP_S
             cleared = self._sweep()
             _log.info("retention: %d jobs removed, %d bytes", len(cleared.jobs), cleared.bytes)
+
+    @property
+    def ended(self) -> bool:
+        """Whether the thread is gone after it was started."""
+        return self.ident is not None and not self.is_alive()
 
     def stop(self) -> None:
         """End the thread; on return it is gone."""

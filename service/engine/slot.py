@@ -6,25 +6,27 @@ import logging
 import shutil
 import threading
 import time
+from contextlib import suppress
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
+from service.engine.attempt_end import artefacts_of, named, outcome_of, spec_of
 from service.engine.attempt_trace import AttemptTrace
 from service.engine.attempt_watch import AttemptWatch, Ending, publish_progress
 from service.engine.health_checks import disk_check
 from service.files.disk import REFUSALS
 from service.logs import ROOT
-from service.store.errors import DBAPIError, SQLAlchemyError
-from service.store.job import FAILED, SUCCEEDED, TRAINING, Artefact, IllegalTransitionError, Job, Outcome
+from service.store.errors import REFUSED_VALUES, DBAPIError, SQLAlchemyError
+from service.store.job import FAILED, TRAINING, IllegalTransitionError, Job, Outcome
 from service.store.uploads import Uploads, UploadsFullError
 from service.worker import progress, training_job
 from service.worker.attempt import describe
+from service.worker.failures import described
 from service.worker.memory import resident_mb
 from service.worker.process import WorkerDiedError, WorkerProcess
-from service.worker.specs import AttemptReport, InsertionSpec, TrainingSpec
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterable
+    from collections.abc import Callable
 
     from service.engine.metrics import Monitor
     from service.settings import Settings
@@ -47,7 +49,7 @@ class Signals:
 
 class Slot(threading.Thread):
     """A thread with a worker process. `problem` says why it takes no job, if it takes none; `job_id` is that of the job
-    that it runs, `trace` the way of that so far."""
+    that it runs, `trace` the way of that so far. `beats` goes up as long as the thread gets on, whatever it does."""
 
     def __init__(
         self,
@@ -67,11 +69,13 @@ class Slot(threading.Thread):
         self._monitor = monitor
         self._news = signals.news
         self._worker = WorkerProcess(settings.runner, settings.data / "warm.lock")
+        self._abandoned = threading.Event()
         self._begun = 0.0
         self._next: Job | None = None  # claimed together with the end of the one before
         self._unpublished: tuple[str, ...] = ()  # jobs whose last change may not be on the disk yet
+        self._job: Job | None = None
         self.trace = AttemptTrace()
-        self.job_id: str | None = None
+        self.beats = 0
         self.problem: str | None = None
 
     @property
@@ -79,21 +83,50 @@ class Slot(threading.Thread):
         """Of the warm worker; None when there is none."""
         return self._worker.pid
 
+    @property
+    def job_id(self) -> str | None:
+        """Of the job that it runs."""
+        return None if (job := self._job) is None else job.id
+
+    @property
+    def attempts(self) -> set[tuple[str, int]]:
+        """Those that it answers for, by job and number: the one that it runs, and the one that comes after it."""
+        return {(job.id, job.attempt) for job in (self._job, self._next) if job is not None}
+
+    @property
+    def ended(self) -> bool:
+        """Whether the thread is gone after it was started."""
+        return self.ident is not None and not self.is_alive()
+
+    def abandon(self) -> None:
+        """Another slot takes its place: end its worker, and the thread itself should it get on again."""
+        self._abandoned.set()
+        threading.Thread(target=self._worker.kill, name=f"{self.name}-ending", daemon=True).start()
+
     def run(self) -> None:
         """Take one job after the other until the engine stops; pause longer and longer while that fails."""
         pause = _FIRST_PAUSE_S
-        while not self._stopping.is_set():
+        while not self._ends:
+            self.beats += 1
             try:
                 self._take_turn()
                 pause = _FIRST_PAUSE_S
-            except Exception as error:  # noqa: BLE001  (whatever it is, the slot tries again)
-                self.problem = f"{type(error).__name__}: {error}"
-                _log.error("%s pauses for %g s: %s", self.name, pause, self.problem)
-                if not isinstance(error, SQLAlchemyError):  # a database that refuses is no fault of the worker's
-                    self._worker.kill()
+            except BaseException as error:  # noqa: BLE001  (whatever it is, the slot tries again)
+                with suppress(BaseException):
+                    self._recover_from(error, pause)
                 self._stopping.wait(pause)
                 pause = min(2 * pause, _LONGEST_PAUSE_S)
         self._worker.kill()
+
+    def _recover_from(self, error: BaseException, pause: float) -> None:
+        self.problem = described(error)
+        _log.error("%s pauses for %g s: %s", self.name, pause, self.problem)
+        if not isinstance(error, SQLAlchemyError):  # a database that refuses is no fault of the worker's
+            self._worker.kill()
+
+    @property
+    def _ends(self) -> bool:
+        return self._stopping.is_set() or self._abandoned.is_set()
 
     def _take_turn(self) -> None:
         """A warm worker; a job, if there is one; its end."""
@@ -106,17 +139,18 @@ class Slot(threading.Thread):
                 self._news.wait(_IDLE_S)
         try:
             while job is not None:
-                self.job_id, self._begun = job.id, time.monotonic()
+                self._job, self._begun = job, time.monotonic()
                 self._monitor.started(job)
-                _log.info("job %s: attempt %d begins", job.id, job.attempt, extra=_named(job))
+                _log.info("job %s: attempt %d begins", job.id, job.attempt, extra=named(job))
                 self._run_attempt(job)
-                job, self._next = self._next, None
+                job = self._job = self._next
+                self._next = None
         finally:
-            self.job_id = None
+            self._job = self._next = None
 
     @property
     def _takes_more(self) -> bool:
-        return not (self._stopping.is_set() or self._draining.is_set() or self.problem)
+        return not (self._ends or self._draining.is_set() or self.problem)
 
     def _check_disk(self) -> None:
         """Have a problem while there is no room: each job that is begun would fail for want of it."""
@@ -132,7 +166,8 @@ class Slot(threading.Thread):
             if self._worker.starts:
                 self._monitor.restarted()
             self._worker.start()
-        while not self._stopping.is_set():
+        while not self._ends:
+            self.beats += 1
             cold = self._worker.pid is None
             if self._worker.ready(_TICK_S):
                 if cold:
@@ -142,64 +177,55 @@ class Slot(threading.Thread):
 
     def _run_attempt(self, job: Job) -> None:
         """One attempt of a claimed job, from an empty folder to its end in the store."""
+        end = self._end_of_attempt(job)
+        try:
+            self._settle(job, end)
+        except BaseException as error:  # noqa: BLE001  (what cannot be stored must not keep the job running)
+            _log.error("job %s: its end cannot be stored: %s", job.id, described(error), extra=named(job))
+            message = f"its end cannot be stored: {described(error)}"
+            failed = Outcome(state=FAILED, error_kind="exception", error=message)
+            self._settle(job, lambda: self._store.finish(job, failed))
+
+    def _end_of_attempt(self, job: Job) -> Callable[[], Job]:
+        """Run it; what brings its end into the store."""
         folder = self._settings.data / job.folder
         try:
             shutil.rmtree(folder, ignore_errors=True)
             runner = training_job.RUNNER if job.kind == TRAINING else self._settings.runner
-            self._worker.send(runner, self._spec(job), folder)
+            self._worker.send(runner, spec_of(job, self._settings.uploads), folder)
             self._publish()  # what came before, now that the worker is busy
             outcome = self._watch(job)
-        except Exception as loss:  # noqa: BLE001  (a claimed job must not stay behind without an owner)
+        except BaseException as loss:  # noqa: BLE001  (a claimed job must not stay behind without an owner)
             self._worker.kill()
-            reason = str(loss) if isinstance(loss, WorkerDiedError) else f"{type(loss).__name__}: {loss}"
-            _log.warning("job %s, attempt %d: %s", job.id, job.attempt, reason, extra=_named(job))
-            self._settle(job, lambda: self._store.requeue(job, reason=reason, crashed=True))
-            return
+            reason = str(loss) if isinstance(loss, WorkerDiedError) else described(loss)
+            _log.warning("job %s, attempt %d: %s", job.id, job.attempt, reason, extra=named(job))
+            return lambda: self._store.requeue(job, reason=reason, crashed=True)
         if outcome is None:
             self._worker.kill()
-            self._settle(job, lambda: self._store.requeue(job, reason="the server was stopped", crashed=False))
-        else:
-            self._settle(job, lambda: self._finish(job, outcome))
-
-    def _spec(self, job: Job) -> InsertionSpec | TrainingSpec:
-        given, files = job.spec or {}, self._settings.uploads
-        if job.kind == TRAINING:
-            return TrainingSpec(job_id=job.id, training=given["training"], files=files)
-        return InsertionSpec(job_id=job.id, scenario=given["scenario"], files=files)
+            return lambda: self._store.requeue(job, reason="the server was stopped", crashed=False)
+        return lambda: self._finish(job, outcome)
 
     def _watch(self, job: Job) -> Outcome | None:
         """Until the attempt ends; None when the engine stops first. Raises WorkerDiedError."""
         folder = self._settings.data / job.folder
         watch = AttemptWatch(time.monotonic(), job.timeout_s, self._settings.limits.job_memory_mb)
-        while not self._stopping.is_set():
+        while not self._ends:
+            self.beats += 1
             ended = self._worker.wait(_TICK_S)
             latest = progress.read(folder)
             if ended:
-                return self._outcome(job, self._worker.collect(), latest)
-            due = watch.due(time.monotonic(), latest)
-            cancelled = publish_progress(self._store, self.trace, job, due)
+                return outcome_of(job, self._worker.collect(), latest)
+            due, beats = watch.due(time.monotonic(), latest), watch.beats(time.monotonic())
+            cancelled = publish_progress(self._store, self.trace, job, due, beats=beats)
             held_mb = resident_mb(self.pid or 0)
             if (ending := watch.ending(time.monotonic(), cancelled=cancelled, held_mb=held_mb)) is not None:
                 return self._cut_short(job, ending)
         return None
 
-    def _outcome(self, job: Job, report: AttemptReport, last: dict[str, Any] | None) -> Outcome:
-        failed = report.error is not None
-        return Outcome(
-            state=FAILED if failed else SUCCEEDED,
-            result=None if failed else report.result,
-            error_kind=report.error_kind,
-            error=report.error,
-            artefacts=self._files(job, report.artefacts),
-            cpu_s=report.cpu_s,
-            max_rss_mb=report.max_rss_mb,
-            progress=last,
-        )
-
     def _cut_short(self, job: Job, ending: Ending) -> Outcome:
         """End the process; what it had written so far is kept."""
         self._worker.kill()
-        files = self._files(job, describe(self._settings.data / job.folder))
+        files = artefacts_of(job, describe(self._settings.data / job.folder))
         return Outcome(state=ending.state, error_kind=ending.error_kind, error=ending.error, artefacts=files)
 
     def _finish(self, job: Job, outcome: Outcome) -> Job:
@@ -231,32 +257,30 @@ class Slot(threading.Thread):
             except OSError as error:  # the next commit tries again
                 _log.error("the end of a job is not on the disk yet: %s", error)
 
-    def _files(self, job: Job, described: Iterable[dict[str, Any]]) -> tuple[Artefact, ...]:
-        return tuple(Artefact(**file, path=f"{job.folder}/{file['name']}") for file in described)
-
     def _settle(self, job: Job, action: Callable[[], Job]) -> None:
-        """Bring the end of an attempt into the store, however long the disk is full."""
+        """Bring the end of an attempt into the store, however long the disk is full.
+
+        Raises what no waiting helps against.
+        """
         pause = _FIRST_PAUSE_S
         while True:
+            self.beats += 1
             try:
                 now = action()
                 self._monitor.ended(now.state, time.monotonic() - self._begun)
-                _log.info("job %s is %s", job.id, now.state, extra={**_named(job), "state": now.state})
+                _log.info("job %s is %s", job.id, now.state, extra={**named(job), "state": now.state})
                 break
             except IllegalTransitionError as error:
-                _log.warning("%s", error, extra=_named(job))
+                _log.warning("%s", error, extra=named(job))
                 break
             except (DBAPIError, OSError) as error:
+                if isinstance(error, REFUSED_VALUES):
+                    raise
                 _log.error("the end of a job cannot be stored, next try in %g s: %s", pause, error)
-                if self._stopping.wait(pause):
+                if self._stopping.wait(pause) or self._abandoned.is_set():
                     return  # the next start finds it running and requeues it
                 pause = min(2 * pause, _LONGEST_PAUSE_S)
         if self._next is None:
             self._publish()
         with self._news:
             self._news.notify_all()
-
-
-def _named(job: Job) -> dict[str, Any]:
-    """The fields of a log line that say which job it is about."""
-    return {"job": job.id, "attempt": job.attempt}

@@ -2,6 +2,17 @@
 
 from __future__ import annotations
 
-from sqlalchemy.exc import DatabaseError, DBAPIError, OperationalError, SQLAlchemyError
+from sqlalchemy.exc import (
+    DatabaseError,
+    DataError,
+    DBAPIError,
+    IntegrityError,
+    InterfaceError,
+    OperationalError,
+    ProgrammingError,
+    SQLAlchemyError,
+)
 
-__all__ = ["DBAPIError", "DatabaseError", "OperationalError", "SQLAlchemyError"]
+__all__ = ["REFUSED_VALUES", "DBAPIError", "DatabaseError", "OperationalError", "SQLAlchemyError"]
+
+REFUSED_VALUES = (DataError, IntegrityError, InterfaceError, ProgrammingError)  # however often they are tried

@@ -31,7 +31,9 @@ TERMINAL = frozenset(
     {SUCCEEDED, FAILED, CANCELLED, TIMED_OUT}
 )  # nothing happens to it unless somebody asks for a retry
 MAXIMUM_CRASHES = 3  # deaths of its worker that a job is forgiven, less one
-MAXIMUM_ATTEMPTS = 25  # after which a death of the whole server is laid to the job that ran
+SUSPECT_DEATHS = 3  # of the whole server while a job ran, from which on it waits until nothing else is queued
+MAXIMUM_DEATHS = 10  # of the whole server while a job ran, after which they are laid to the job
+LOWEST_PRIORITY = -100
 CRASHED, REQUEUED = "crashed", "requeued"  # events: back in the queue, after a death or after an orderly stop
 
 

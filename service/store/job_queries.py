@@ -28,6 +28,7 @@ from sqlalchemy import (
 from service.store import schema
 from service.store.campaign import RUNNING as CAMPAIGN_RUNNING
 from service.store.job import (
+    CRASHED,
     INSERTION,
     QUEUED,
     RUNNING,
@@ -79,6 +80,11 @@ OF_ATTEMPT = (
     .where(JOB.c.state == bindparam("of_state"))
     .values(version=JOB.c.version + 1)
 )
+BEAT = (
+    update(JOB)  # nobody waits for it: the version stays
+    .where(JOB.c.id == bindparam("of_id"), JOB.c.attempt == bindparam("of_attempt"), JOB.c.state == RUNNING)
+    .values(heartbeat_at=bindparam("now"))
+)
 MOVE = OF_ATTEMPT.returning(*COLUMNS)
 MEANWHILE = [JOB.c[name] for name in ("version", "progress", "heartbeat_at", "cancel_requested", "pinned")]
 END = OF_ATTEMPT.returning(*MEANWHILE)  # what others may have changed since the claim; the rest is known
@@ -118,6 +124,20 @@ class JobQueries(Transactions):
             query = query.where(JOB.c.seq < before)
         with self.reading() as connection:
             return [to_job(row) for row in connection.execute(query)]
+
+    def running(self) -> list[Job]:
+        """Every job that runs, or ran when the server died, in the order of arrival; without spec and result."""
+        query = select(*LISTED).where(JOB.c.state == RUNNING).order_by(JOB.c.seq)
+        with self.reading() as connection:
+            return [to_job(row) for row in connection.execute(query)]
+
+    def server_deaths(self, job: Job) -> int:
+        """In how many attempts of `job` since it was queued the whole server died; its worker's crashes are apart."""
+        event = schema.event.c
+        queued = select(func.max(event.seq)).where(event.job_id == job.id, event.kind == QUEUED).scalar_subquery()
+        query = select(func.count()).where(event.job_id == job.id, event.kind == CRASHED, event.seq > queued)
+        with self.reading() as connection:
+            return max(0, int(connection.execute(query).scalar_one()) - job.crashes)
 
     def ended(self) -> list[Job]:
         """Every job that has ended and whose campaign, if it has one, has too; without spec and result, the one that

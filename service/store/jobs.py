@@ -6,7 +6,7 @@ import secrets
 import time
 from typing import TYPE_CHECKING, Any
 
-from sqlalchemy import Engine, delete, insert, select, update
+from sqlalchemy import Engine, delete, insert, update
 
 from service.settings import Limits
 from service.store import schema
@@ -16,19 +16,21 @@ from service.store.job import (
     CRASHED,
     FAILED,
     INSERTION,
-    MAXIMUM_ATTEMPTS,
+    LOWEST_PRIORITY,
     MAXIMUM_CRASHES,
+    MAXIMUM_DEATHS,
     QUEUED,
     REQUEUED,
     RUNNING,
+    SUSPECT_DEATHS,
     IllegalTransitionError,
     InputGoneError,
     Job,
     Outcome,
 )
 from service.store.job_queries import (
+    BEAT,
     BRIEF,
-    COLUMNS,
     EVENT,
     JOB,
     NEW,
@@ -130,10 +132,14 @@ class Store(Transitions):
         self.notify(job.id)
         return job
 
-    def beat(self, job: Job, progress: dict[str, Any]) -> None:
-        """Progress of a running attempt; nothing happens when the attempt is no longer the current one."""
-        values = {"progress": progress, "heartbeat_at": self._now()}
+    def beat(self, job: Job, progress: dict[str, Any] | None = None) -> None:
+        """The attempt is looked after, and its progress if there is news; nothing happens when it is not the current
+        one. Without news nobody is told."""
         with self._write(lazy=True) as connection:
+            if progress is None:
+                connection.execute(BEAT, {"of_id": job.id, "of_attempt": job.attempt, "now": self._now()})
+                return
+            values = {"progress": progress, "heartbeat_at": self._now()}
             changed = connection.execute(OF_ATTEMPT, {**attempt_key(job), **values}).rowcount
         if changed:
             self.notify(job.id)
@@ -171,38 +177,40 @@ class Store(Transitions):
     def requeue(self, job: Job, *, reason: str, crashed: bool) -> Job:
         """Put the running attempt `job` back into the queue; after three crashes it has failed instead."""
         crashes = job.crashes + crashed
+        give_up = crashes >= MAXIMUM_CRASHES
         return self._requeue_or_fail(
-            job, reason, CRASHED if crashed else REQUEUED, crashes, give_up=crashes >= MAXIMUM_CRASHES
+            job, reason, CRASHED if crashed else REQUEUED, {"crashes": crashes}, give_up=give_up
         )
 
     def recover(self) -> list[Job]:
         """At start: jobs that were running when the server died go back into the queue.
 
-        The death of the server is no fault of theirs, unless it happens in very many attempts.
+        The death of the server is no fault of theirs, unless it happens again and again: from the third time on such a
+        job begins when nothing else is queued, after the tenth it has failed.
         """
-        with self.reading() as connection:
-            left = [to_job(row) for row in connection.execute(select(*COLUMNS).where(JOB.c.state == RUNNING))]
-        reason = "the server died"
-        return [
-            self._requeue_or_fail(job, reason, CRASHED, job.crashes, give_up=job.attempt >= MAXIMUM_ATTEMPTS)
-            for job in left
-        ]
+        return [self._recover(job) for job in self.running()]
 
-    def _requeue_or_fail(self, job: Job, reason: str, kind: str, crashes: int, *, give_up: bool) -> Job:
+    def _recover(self, job: Job) -> Job:
+        deaths = self.server_deaths(job) + 1
+        suspect = deaths >= SUSPECT_DEATHS
+        values: dict[str, Any] = {"priority": min(job.priority, LOWEST_PRIORITY)} if suspect else {}
+        return self._requeue_or_fail(job, "the server died", CRASHED, values, give_up=deaths >= MAXIMUM_DEATHS)
+
+    def _requeue_or_fail(self, job: Job, reason: str, kind: str, values: dict[str, Any], *, give_up: bool) -> Job:
         """Another attempt of the running `job`, unless it was cancelled; give_up: it has failed instead."""
         with self._write() as connection:
-            values: dict[str, Any] = {"crashes": crashes}
             if read(connection, job.id, BRIEF).cancel_requested:
                 moved = self._move(connection, job, CANCELLED, {**values, "finished_at": self._now()})
                 self._log(connection, moved, CANCELLED)
             elif give_up:
                 message = f"gave up after {job.attempt} attempts; the last one ended so: {reason}"
-                values = {**values, "error_kind": "worker_died", "error": message}
-                moved = self._move(connection, job, FAILED, {**values, "finished_at": self._now()})
-                self._log(connection, moved, FAILED, values)
+                error = {"error_kind": "worker_died", "error": message}
+                moved = self._move(connection, job, FAILED, {**values, **error, "finished_at": self._now()})
+                self._log(connection, moved, FAILED, {**values, **error})
             else:
                 moved = self._move(connection, job, QUEUED, {**values, "heartbeat_at": None, "progress": None})
-                self._log(connection, moved, kind, {"reason": reason})
+                told = {"priority": moved.priority} if moved.priority != job.priority else {}
+                self._log(connection, moved, kind, {"reason": reason, **told})
         self.notify(job.id)
         return moved
 

@@ -12,15 +12,15 @@ import os
 import signal
 import sys
 import time
-import traceback
-from contextlib import ExitStack, contextmanager
+from contextlib import ExitStack, contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from service.files.disk import REFUSALS
-from service.files.strict_json import without_nan
+from service.files.strict_json import NotJsonError, plain_json
 from service.logs import LOG, ROOT, job_log
+from service.worker.failures import described_with_place, storable
 from service.worker.progress import ProgressFile
 from service.worker.specs import AttemptReport, InsertionSpec
 from service.worker.training_job import MODEL
@@ -33,6 +33,8 @@ if TYPE_CHECKING:
     from simcore.scenario.scenario import Scenario
 
 KINDS = {"result.json": "result", "series.npz": "series", "recording.rrd": "recording", LOG: "log"}
+RESULT_MB = 64  # of a result, as JSON
+Failure = tuple[str | None, str | None]  # kind and message of the error that an attempt ended with
 _log = logging.getLogger(ROOT)
 
 
@@ -107,22 +109,25 @@ def _recorder(scenario: Scenario, job_id: str, path: Path) -> Iterator[Observer]
 def execute(runner: str, spec: dict[str, Any], folder: str) -> AttemptReport:
     """Do a job with `runner` (module:function) in an empty folder; what it left, or why not, and what it cost.
 
-    Nothing is raised: an exception that reaches the engine means that the process is gone.
+    Nothing is raised, and the report is plain JSON: an exception in the engine means that the process is gone.
     """
     target = Path(folder)
     started_s = time.process_time()
     result: Any = None
-    failure: tuple[str | None, str | None] = (None, None)
+    failure: Failure = (None, None)
+    files: list[dict[str, Any]] = []
     with stoppable():
         try:
             target.mkdir(parents=True, exist_ok=True)
             with job_log(target / LOG):
                 result, failure = _run(runner, spec, target)
+            files = describe(target)
         except OSError as error:  # not even the folder or its log
             failure = ("disk", _describe_failure(spec, error))
-        files = describe(target)
+        except Exception as error:  # noqa: BLE001  (what a job did to its process must not end that)
+            failure = ("exception", _describe_failure(spec, error))
     return AttemptReport(
-        result=result,
+        result=None if failure[1] else result,
         error_kind=failure[0],
         error=failure[1],
         artefacts=tuple(files),
@@ -131,23 +136,28 @@ def execute(runner: str, spec: dict[str, Any], folder: str) -> AttemptReport:
     )
 
 
-def _run(runner: str, spec: dict[str, Any], target: Path) -> tuple[Any, tuple[str | None, str | None]]:
+def _run(runner: str, spec: dict[str, Any], target: Path) -> tuple[Any, Failure]:
     """The result, or kind and message of the error in its place."""
     try:
-        return without_nan(resolve(runner)(spec, target)), (None, None)
+        return plain_json(resolve(runner)(spec, target), most_mb=RESULT_MB), (None, None)
+    except WorkerStop:
+        raise
+    except NotJsonError as error:
+        _log.error("job %s failed: its result %s", spec.get("job_id"), error)
+        return None, ("exception", storable(f"its result {error}"))
     except MemoryError as error:
         return None, ("out_of_memory", _describe_failure(spec, error))
     except OSError as error:
         return None, ("disk" if error.errno in REFUSALS else "exception", _describe_failure(spec, error))
-    except Exception as error:  # noqa: BLE001  (whatever a runner raises is how its attempt ended)
+    except BaseException as error:  # noqa: BLE001  (whatever a runner raises is how its attempt ended)
         return None, ("exception", _describe_failure(spec, error))
 
 
-def _describe_failure(spec: dict[str, Any], failure: Exception) -> str:
-    """The exception and the place in our code where it was raised; the whole trace goes to the log."""
-    _log.error("job %s failed", spec.get("job_id"), exc_info=failure)
-    last = traceback.extract_tb(failure.__traceback__)[-1]
-    return f"{type(failure).__name__}: {failure} ({Path(last.filename).name}, line {last.lineno})"
+def _describe_failure(spec: dict[str, Any], failure: BaseException) -> str:
+    """What was raised and the place; the whole trace goes to the log."""
+    with suppress(Exception):  # a trace that cannot be written is not how the job ended
+        _log.error("job %s failed", spec.get("job_id"), exc_info=failure)
+    return described_with_place(failure)
 
 
 def resolve(name: str) -> Any:

@@ -24,6 +24,7 @@ import pebble
 from service.blas_threads import one_thread
 from service.files.lock import file_lock
 from service.worker.attempt import execute, resolve
+from service.worker.failures import described
 from service.worker.pebble_overrides import single_worker_pool
 from simcore.errors import NeedlebenchError
 
@@ -123,15 +124,20 @@ class WorkerProcess:
 
 
 def answer(future: Future[Any]) -> Any:
-    """What a finished call returned. Raises WorkerDiedError, with the signal or exit code, if its process died."""
-    try:
-        return future.result(timeout=0)
-    except pebble.ProcessExpired as death:
-        code = death.exitcode
+    """What a finished call returned. Raises WorkerDiedError, with the signal or exit code, if its process died.
+
+    What the call raised is raised here; as WorkerDiedError if it would end a thread or a program (SystemExit).
+    """
+    failure = future.exception(timeout=0)
+    if isinstance(failure, pebble.ProcessExpired):
+        code = failure.exitcode
         end = f"signal {-code}" if code < 0 else f"exit code {code}"
-        raise WorkerDiedError(f"its worker process died ({end})") from None
-    except BrokenProcessPool:
-        raise WorkerDiedError("its worker process died") from None
+        raise WorkerDiedError(f"its worker process died ({end})")
+    if isinstance(failure, BrokenProcessPool):
+        raise WorkerDiedError("its worker process died")
+    if failure is not None and not isinstance(failure, Exception):
+        raise WorkerDiedError(f"its worker process raised {described(failure)}")
+    return future.result(timeout=0)
 
 
 # -- in the worker

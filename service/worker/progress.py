@@ -10,6 +10,7 @@ import time
 from typing import TYPE_CHECKING, Any
 
 from service.files.replace_text import replace_text
+from service.files.strict_json import plain_json
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -23,6 +24,7 @@ if TYPE_CHECKING:
 
 NAME = "progress.json"
 INTERVAL_S = 0.5
+MOST_BYTES = 65_536  # of the file; what a plug-in left there instead is not read
 
 
 class ProgressFile:
@@ -89,9 +91,17 @@ class ProgressFile:
 
 
 def read(folder: Path) -> dict[str, Any] | None:
-    """The last progress in `folder`, or None."""
+    """The last progress in `folder`; None if there is none, or one that cannot be stored: too long, or with NaN."""
     try:
-        progress: dict[str, Any] = json.loads((folder / NAME).read_text(encoding="utf-8"))
-    except (OSError, ValueError):
+        with (folder / NAME).open("rb") as file:
+            text = file.read(MOST_BYTES + 1)
+        if len(text) > MOST_BYTES:
+            return None
+        progress = plain_json(json.loads(text, parse_constant=_refuse), most_mb=1)
+    except (OSError, ValueError, RecursionError):
         return None
-    return progress
+    return progress if isinstance(progress, dict) else None
+
+
+def _refuse(constant: str) -> None:
+    raise ValueError(f"{constant} is no number of JSON")

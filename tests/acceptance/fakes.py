@@ -13,7 +13,51 @@ import numpy as np
 from service.files.replace_text import replace_text
 
 if TYPE_CHECKING:
+    from collections.abc import Callable
     from pathlib import Path
+
+
+class UnprintableError(Exception):
+    """Its message cannot be had."""
+
+    def __str__(self) -> str:
+        raise RuntimeError("no message")
+
+
+def endless() -> list[Any]:
+    """A list that holds itself."""
+    loop: list[Any] = []
+    loop.append(loop)
+    return loop
+
+
+FAULTS: dict[str, Callable[[], BaseException]] = {
+    "raises": lambda: ValueError("asked to"),
+    "exits": lambda: SystemExit(3),
+    "interrupts": KeyboardInterrupt,
+    "closes": GeneratorExit,
+    "raises a base": lambda: BaseException("asked to"),
+    "raises a surrogate": lambda: ValueError("\ud800 asked to"),
+    "raises a nan": lambda: ValueError(float("nan")),
+    "raises 50 MB": lambda: ValueError("asked to" * 6_250_000),
+    "raises the unprintable": UnprintableError,
+}
+UNFIT_RESULTS: dict[str, Callable[[], Any]] = {
+    "returns an object": lambda: object(),
+    "returns a function": lambda: lambda: None,
+    "returns a loop": endless,
+    "returns 70 MB": lambda: "x" * 70_000_000,
+}
+
+
+def fell(name: str) -> None:
+    """End the process of the worker, or of the server."""
+    if name in ("dies late", "fells the server"):
+        time.sleep(0.5)
+    if name == "fells the server":
+        os.kill(os.getppid(), signal.SIGKILL)
+    if name in ("dies", "dies late"):
+        os._exit(9)
 
 
 def run_job(spec: dict[str, Any], artefact_dir: Path) -> dict[str, Any]:
@@ -26,10 +70,14 @@ def run_job(spec: dict[str, Any], artefact_dir: Path) -> dict[str, Any]:
         signal.signal(signal.SIGTERM, signal.SIG_IGN)
     print(f"this is {name}")
     (artefact_dir / "pid").write_text(str(os.getpid()))
-    if name == "raises":
-        raise ValueError("asked to")
-    if name == "dies":
-        os._exit(9)
+    if name in FAULTS:
+        raise FAULTS[name]()
+    if name in UNFIT_RESULTS:
+        return {"status": "completed", "metrics": {"success": True}, "extra": UNFIT_RESULTS[name]()}
+    fell(name)
+    if name == "bad progress":
+        (artefact_dir / "progress.json").write_text('{"fraction": NaN, "step": 1, "steps": 2}')
+        return {"status": "completed", "metrics": {"success": True}}
     hoard: list[bytearray] = []
     while name == "greedy":
         hoard.append(bytearray(os.urandom(1 << 20) * 10))

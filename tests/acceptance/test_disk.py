@@ -7,6 +7,8 @@ import os
 import sqlite3
 import subprocess
 import sys
+import time
+from contextlib import suppress
 from typing import TYPE_CHECKING, Any
 
 import pytest
@@ -101,6 +103,27 @@ def test_no_job_is_begun_without_room_and_all_are_when_there_is(small_disk: Path
         assert mount("-o", "remount,size=64m", str(small_disk))
         assert server.client.wait(job.id, timeout_s=60).state == "succeeded"
         until(lambda: level(server, "disk") == "warn")
+
+
+def test_no_job_is_begun_or_fails_without_room_for_files_and_all_are_begun_when_there_is(small_disk: Path) -> None:
+    assert mount("-o", "remount,nr_inodes=1500", str(small_disk))
+    with running_server(small_disk, minimum_free_mb=0) as server:
+        until(lambda: level(server, "workers") == "ok")
+        fillers = []
+        with suppress(OSError):
+            for number in range(1500):
+                fillers.append(small_disk / f"filler {number}")
+                fillers[-1].touch()
+        until(lambda: server.client._http.get("/readyz").json()["status"] == 503)
+        assert "0 more files (inodes): no job is started below 1000" in server.client._http.get("/readyz").text
+        time.sleep(1.5)  # an idle slot looks at the disk every half second
+        jobs = [server.client.submit({"name": "quick"}).id for _ in range(5)]
+        time.sleep(2.0)
+        assert [server.client.job(job).state for job in jobs] == ["queued"] * 5
+        for filler in fillers:
+            filler.unlink(missing_ok=True)
+        assert [server.client.wait(job, timeout_s=60).state for job in jobs] == ["succeeded"] * 5
+        assert [server.client.job(job).attempt for job in jobs] == [1] * 5
 
 
 def test_a_read_only_data_folder_is_refused_and_served_when_it_can_be_written(small_disk: Path) -> None:

@@ -62,6 +62,49 @@ def test_a_job_that_raises_has_failed_and_is_not_tried_again(server: Server) -> 
     assert [file["name"] for file in server.client.artefacts(done.id)] == ["job.log"]
 
 
+@pytest.mark.parametrize(
+    ("name", "told"),
+    [
+        ("exits", "SystemExit: 3 (fakes.py, line "),
+        ("interrupts", "KeyboardInterrupt (fakes.py, line "),
+        ("closes", "GeneratorExit (fakes.py, line "),
+        ("raises a base", "BaseException: asked to (fakes.py, line "),
+        ("raises a surrogate", "ValueError: \\ud800 asked to (fakes.py, line "),
+        ("raises a nan", "ValueError: nan (fakes.py, line "),
+        ("raises 50 MB", "ValueError: asked toasked to"),
+        ("raises the unprintable", "UnprintableError: its message cannot be shown (fakes.py, line "),
+        (
+            "returns an object",
+            "its result cannot be encoded: TypeError: Object of type object is not JSON serializable",
+        ),
+        ("returns a function", "its result cannot be encoded: TypeError"),
+        ("returns a loop", "its result cannot be encoded: RecursionError"),
+        ("returns 70 MB", "its result is too long: 70.0 MB, at most 64 are kept"),
+    ],
+)
+def test_whatever_a_job_raises_or_returns_it_has_failed_and_its_slot_goes_on(
+    server: Server, name: str, told: str
+) -> None:
+    again = [server.client.submit({"name": name}).id for _ in range(2)]  # one a slot
+    for job in again:
+        done = server.client.wait(job, timeout_s=30)
+        assert (done.state, done.attempt) == ("failed", 1)
+        assert done.error is not None
+        assert done.error["kind"] == "exception"
+        assert done.error["message"].startswith(told)
+        assert len(done.error["message"]) < 3000
+    (log,) = (file for file in server.client.artefacts(again[0]) if file["name"] == "job.log")
+    assert 0 < log["bytes"] < 11 * 2**20
+    after = [server.client.submit({"name": "quick"}).id for _ in range(2)]
+    assert [server.client.wait(job, timeout_s=30).state for job in after] == ["succeeded"] * 2
+    assert server.client.ready()["workers"] == 2
+
+
+def test_progress_that_cannot_be_encoded_is_left_out(server: Server) -> None:
+    done = server.client.wait(server.client.submit({"name": "bad progress"}).id, timeout_s=30)
+    assert done.state == "succeeded"
+
+
 def test_a_running_job_is_cancelled_and_its_worker_gone(server: Server) -> None:
     job = server.running("long")
     pid = server.worker_of(job)

@@ -11,6 +11,7 @@ import pytest
 
 from service.server.server import ServiceStartError, serve
 from service.settings import Settings
+from service.store.job import MAXIMUM_DEATHS, SUSPECT_DEATHS
 from tests.acceptance.server import Server, alive, children, running_server, until
 
 if TYPE_CHECKING:
@@ -54,6 +55,43 @@ def test_sigterm_puts_running_jobs_back_and_ends_with_0(tmp_path: Path) -> None:
         until(lambda: again.client.job(job.id).attempt == 2)
         again.client.cancel(job.id)
         assert again.client.wait(job.id, timeout_s=30).state == "cancelled"
+
+
+@linux
+@pytest.mark.slow
+def test_a_job_that_fells_the_server_is_given_up_and_lets_the_others_run_first(tmp_path: Path) -> None:
+    server = Server(tmp_path, workers=1)
+    poison = server.client.submit({"name": "fells the server"})
+    other = server.client.submit({"name": "quick"})
+    deaths = []
+    for _ in range(MAXIMUM_DEATHS):
+        deaths.append(server.ended())
+        server = Server(tmp_path, workers=1)
+        if len(deaths) == SUSPECT_DEATHS:
+            until(lambda: server.client.job(other.id).state == "succeeded", pause_s=0.01)  # noqa: B023
+    try:
+        assert deaths == [-signal.SIGKILL] * MAXIMUM_DEATHS
+        done = server.client.job(poison.id)
+        assert (done.state, done.attempt) == ("failed", MAXIMUM_DEATHS)
+        assert "the server died" in (done.error or {})["message"]
+        assert server.client.wait(server.client.submit({"name": "quick"}).id).state == "succeeded"
+    finally:
+        server.stop()
+
+
+@linux
+@pytest.mark.slow
+def test_a_job_that_fells_its_worker_is_given_up_after_three_attempts_across_restarts(tmp_path: Path) -> None:
+    with running_server(tmp_path, workers=1) as server:
+        job = server.client.submit({"name": "dies late"})
+        until(lambda: server.client.job(job.id).attempt == 2)
+    with running_server(tmp_path, workers=1) as again:
+        done = again.client.wait(job.id, timeout_s=60)
+        assert (done.state, (done.error or {})["kind"]) == ("failed", "worker_died")
+        assert done.attempt in (3, 4)  # one attempt more where the stop came before the crash
+        kinds = [event["kind"] for event in again.client._json("GET", f"/api/v1/jobs/{job.id}/events")["items"]]
+        assert kinds.count("crashed") == 2
+        assert again.client.wait(again.client.submit({"name": "quick"}).id).state == "succeeded"
 
 
 def test_two_services_never_share_a_data_folder(tmp_path: Path) -> None:

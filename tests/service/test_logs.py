@@ -87,6 +87,20 @@ def test_a_job_log_stops_growing(tmp_path: Path, monkeypatch: pytest.MonkeyPatch
     assert text.endswith("the log is full: the rest is left out\n")
 
 
+def test_a_job_log_takes_any_text_and_cuts_a_trace_that_is_too_long(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(logs, "MAXIMUM_BYTES", 2000)
+    with job_log(tmp_path / "job.log"):
+        LOG.error("half a pair: %s", "\ud800")
+        LOG.error("it failed", exc_info=ValueError("x" * 10_000))
+    text = (tmp_path / "job.log").read_text()
+    assert "half a pair: \\ud800\n" in text
+    assert "it failed\nValueError: xxx" in text
+    assert len(text) < 2100
+    assert text.endswith("the log is full: the rest is left out\n")
+
+
 def test_a_request_has_an_id_in_its_answer_and_in_the_log(tmp_path: Path) -> None:
     stream = io.StringIO()
     configure("json", stream=stream)

@@ -93,7 +93,7 @@ def levels(body: dict[str, Any]) -> dict[str, str]:
 
 def test_readiness_names_what_was_looked_at(both: tuple[TestClient, Service]) -> None:
     told = both[0].get("/readyz").json()
-    well = {"service": "ok", "workers": "warn", "disk": "ok", "data folder": "ok", "database": "ok"}
+    well = {"service": "ok", "workers": "warn", "threads": "ok", "disk": "ok", "data folder": "ok", "database": "ok"}
     assert levels(told) == well
     assert told["warnings"] == ["workers: 0 of 2 workers are warm; wait: they are starting and compiling"]
 
@@ -111,6 +111,18 @@ def test_readiness_warns_of_a_disk_that_runs_short_and_then_refuses(
     assert (full.status_code, full.headers["content-type"]) == (503, "application/problem+json")
     assert levels(full.json())["disk"] == "bad"
     assert "no job is started below 256.0 MB" in full.json()["detail"]
+
+
+def test_readiness_warns_when_files_run_short_and_then_refuses(
+    both: tuple[TestClient, Service], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    http, _ = both
+    monkeypatch.setattr(checks, "free_bytes", lambda _: 2**40)
+    for files, level in ((None, "ok"), (10_000, "ok"), (9_999, "warn"), (1_000, "warn"), (999, "bad"), (0, "bad")):
+        monkeypatch.setattr(checks, "free_files", lambda _, files=files: files)
+        told = http.get("/readyz")
+        assert (told.status_code, levels(told.json())["disk"]) == (503 if level == "bad" else 200, level)
+    assert "room for 0 more files (inodes): no job is started below 1000" in told.json()["detail"]
 
 
 def test_readiness_sees_a_database_that_is_locked_and_one_that_is_free_again(

@@ -59,13 +59,23 @@ def test_progress_that_stalls_or_was_not_written_yet_is_not_published() -> None:
     assert watched.due(301.0, {"step": 2}) == {"step": 2}
 
 
+def test_the_heartbeat_is_stored_every_ten_seconds_without_news() -> None:
+    watched = watch()
+    assert not watched.beats(109.9)
+    assert watched.beats(110.0)
+    assert not watched.beats(119.9)
+    assert watched.due(119.95, {"step": 1}) == {"step": 1}
+    assert not watched.beats(129.9)
+    assert watched.beats(130.0)
+
+
 class FakeStore:
     """Remembers what it was told; refuses as a full disk does."""
 
     def __init__(self, *, full: bool = False, cancelled: bool = False) -> None:
-        self.full, self.cancelled, self.heard = full, cancelled, list[dict[str, Any]]()
+        self.full, self.cancelled, self.heard = full, cancelled, list[dict[str, Any] | None]()
 
-    def beat(self, _job: Any, progress: dict[str, Any]) -> None:
+    def beat(self, _job: Any, progress: dict[str, Any] | None = None) -> None:
         if self.full:
             raise OperationalError("UPDATE", {}, Exception("database or disk is full"))
         self.heard.append(progress)
@@ -83,6 +93,8 @@ def test_progress_is_stored_and_a_cancel_request_noticed(*, cancelled: bool) -> 
     assert [point.depth_mm for point in trace.points_of(JOB)] == [1.0]
     assert publish_progress(store, trace, JOB, None) is cancelled
     assert len(store.heard) == 1
+    publish_progress(store, trace, JOB, None, beats=True)
+    assert store.heard == [due, None]
 
 
 def test_a_full_disk_ends_no_attempt(caplog: pytest.LogCaptureFixture) -> None:

@@ -13,7 +13,8 @@ from service.engine.retention import Policy, clear
 from service.store.database import open_database
 from service.store.job import (
     LEGAL,
-    MAXIMUM_ATTEMPTS,
+    MAXIMUM_DEATHS,
+    SUSPECT_DEATHS,
     TERMINAL,
     Artefact,
     IllegalTransitionError,
@@ -192,16 +193,52 @@ def test_a_result_with_nan_is_refused_and_the_job_stays(store: Store) -> None:
     assert store.get(running.id).state == "running"
 
 
-def test_the_death_of_the_server_is_laid_to_a_job_after_very_many_attempts_only(store: Store) -> None:
+def test_the_death_of_the_server_is_laid_to_a_job_that_ran_each_time_of_many(store: Store) -> None:
     job = submit(store)
-    for attempt in range(1, MAXIMUM_ATTEMPTS):
+    for attempt in range(1, MAXIMUM_DEATHS):
         assert claim(store).attempt == attempt
         (again,) = store.recover()
         assert (again.state, again.crashes) == ("queued", 0)
     claim(store)
     (given_up,) = store.recover()
     assert (given_up.state, given_up.error_kind) == ("failed", "worker_died")
+    assert given_up.error == f"gave up after {MAXIMUM_DEATHS} attempts; the last one ended so: the server died"
     assert store.events(job.id)[2].kind == "crashed"
+    store.retry(job.id)
+    claim(store)
+    (forgiven,) = store.recover()
+    assert forgiven.state == "queued"
+
+
+def test_orderly_stops_and_crashes_of_a_worker_are_no_deaths_of_the_server(store: Store) -> None:
+    job = submit(store)
+    for _ in range(2 * MAXIMUM_DEATHS):
+        store.requeue(claim(store), reason="the server was stopped", crashed=False)
+    store.requeue(claim(store), reason="its worker process died", crashed=True)
+    assert store.server_deaths(store.get(job.id)) == 0
+    claim(store)
+    (again,) = store.recover()
+    assert (again.state, store.server_deaths(again)) == ("queued", 1)
+
+
+def test_crashes_of_a_worker_count_across_deaths_of_the_server(store: Store) -> None:
+    job = submit(store)
+    for _ in range(2):
+        store.requeue(claim(store), reason="its worker process died", crashed=True)
+        claim(store)
+        store.recover()
+    assert store.requeue(claim(store), reason="its worker process died", crashed=True).state == "failed"
+    assert store.get(job.id).attempt == 5
+
+
+def test_a_job_under_which_the_server_died_three_times_lets_every_other_begin_first(store: Store) -> None:
+    suspect, other = submit(store, priority=5), submit(store, "b")
+    for _ in range(SUSPECT_DEATHS):
+        assert claim(store).id == suspect.id
+        store.recover()
+    last = [event for event in store.events(suspect.id) if event.kind == "crashed"][-1]
+    assert last.data == {"reason": "the server died", "priority": -100}
+    assert [claim(store).id, claim(store).id] == [other.id, suspect.id]
 
 
 def test_a_retry_begins_anew_and_keeps_the_log(store: Store) -> None:

@@ -76,3 +76,25 @@ def test_it_is_written_twice_a_second_at_most_and_at_the_end(tmp_path: Path) -> 
         told.step(record(step))
         seen.add((progress.read(tmp_path) or {})["step"])
     assert seen == {0, 500, 1000, 1001}
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        '{"step": NaN}',
+        '{"step": -Infinity}',
+        '{"step": 1',
+        "[1]",
+        "[" * 50_000,
+        '{"a": "' + "x" * 70_000 + '"}',
+        "\x00",
+    ],
+)
+def test_progress_that_cannot_be_stored_is_none(tmp_path: Path, text: str) -> None:
+    (tmp_path / progress.NAME).write_text(text)
+    assert progress.read(tmp_path) is None
+
+
+def test_half_a_surrogate_pair_in_progress_is_a_question_mark(tmp_path: Path) -> None:
+    (tmp_path / progress.NAME).write_text(r'{"note": "\ud800"}')
+    assert progress.read(tmp_path) == {"note": "?"}
