@@ -13,6 +13,7 @@ SECONDS ?= 60
 JOBS ?= 2000
 SEED ?= 1
 CORES ?= auto
+PARALLEL = -n $(CORES) --dist loadgroup --no-loadscope-reorder
 
 # The build backend is locked too: bootstrap.py and the container build this project with it.
 BUILD_REQUIRES = $(BIN)/python -c 'import tomllib; print(*tomllib.load(open("pyproject.toml", "rb"))["build-system"]["requires"])'
@@ -41,13 +42,13 @@ check: env-dev  ## lint, formatting, the direction of imports, types
 	$(BIN)/mypy simcore service benchmarks needlebench tests bootstrap.py bootstrap_python.py hatch_build.py
 
 test: check  ## everything that a change must pass: lint, formatting, types and the tests, on every core
-	$(BIN)/python -m pytest -m "not long" -n $(CORES) --dist loadfile $(ARGS)
+	$(BIN)/python -m pytest -m "not long" $(PARALLEL) $(ARGS)
 
 test-fast: check  ## the same without the slow tests
-	$(BIN)/python -m pytest -m "not slow and not long" -n $(CORES) --dist loadfile $(ARGS)
+	$(BIN)/python -m pytest -m "not slow and not long" $(PARALLEL) $(ARGS)
 
 test-long: env-dev  ## every test, property tests ten times as long, with coverage; then a sample of mutants
-	NEEDLEBENCH_TESTS=long $(BIN)/python -m coverage run -m pytest -n $(CORES) --dist loadfile $(ARGS)
+	NEEDLEBENCH_TESTS=long $(BIN)/python -m coverage run -m pytest $(PARALLEL) $(ARGS)
 	$(BIN)/python -m coverage combine --quiet
 	$(BIN)/python -m coverage report
 	$(BIN)/python -m tests.mutants --each 3 --seed $(SEED)

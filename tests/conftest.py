@@ -1,7 +1,10 @@
 """What all tests share: the plugin of `tests/verification.py`, no deadlines, and a Ctrl-C that works."""
 
+from __future__ import annotations
+
 import signal
 
+import pytest
 from hypothesis import HealthCheck, settings
 
 from tests.budget import examples
@@ -19,3 +22,16 @@ settings.load_profile("untimed")
 
 if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:  # as in a shell's background job; a child would ignore it too
     signal.signal(signal.SIGINT, signal.default_int_handler)
+
+
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    """Files with slow tests first, so that both workers of a parallel run end together.
+
+    The tests of a file stay in one worker and share its servers; the pages of the documentation know nothing of each
+    other and are given out one by one.
+    """
+    slow = {item.path for item in items if item.get_closest_marker("slow")}
+    items.sort(key=lambda item: item.path not in slow)
+    for item in items:
+        alone = item.path.name == "test_snippets.py" and item.get_closest_marker("slow")
+        item.add_marker(pytest.mark.xdist_group(item.name if alone else str(item.path)))

@@ -43,7 +43,7 @@ BEND = 0.08  # displacement over length of the deformation in which the forces a
 
 def _frozen_kernel(function: Function) -> Function:
     """Numba as it stood when L0 was frozen; independent of `simcore.compiled.kernel`."""
-    return cast("Function", numba.njit(cache=True, error_model="numpy")(function))
+    return cast(Function, numba.njit(cache=True, error_model="numpy")(function))
 
 
 class ReferenceStep:
@@ -86,7 +86,7 @@ class ReferenceStep:
 
 
 def shape_gradients(nodes_m: Vector, tets: Indices) -> tuple[Vector, Vector]:
-    """Gradients of N_a (t, 4, 3) 1/m and volumes (t,) m3 of linear tetrahedra at rest."""
+    """grad N_a (t, 4, 3) 1/m and volumes (t,) m3 of linear tetrahedra at rest."""
     edges = nodes_m[tets[:, 1:]] - nodes_m[tets[:, :1]]
     inner = np.swapaxes(np.linalg.inv(edges), 1, 2)
     gradients = np.concatenate([-inner.sum(axis=1, keepdims=True), inner], axis=1)

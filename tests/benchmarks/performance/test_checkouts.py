@@ -142,7 +142,7 @@ def test_bad_input_of_a_comparison(arguments: list[str], why: str, tmp_path: Pat
     assert why in done.stderr
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_this_checkout_beside_itself(tmp_path: Path) -> None:
     """The real package, its kernels compiled into an empty cache."""
     found = compare_checkouts(ROOT, ROOT, scratch=tmp_path, say=lambda _: None, quick=True)

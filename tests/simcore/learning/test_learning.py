@@ -104,7 +104,7 @@ def test_the_seed_makes_the_weights_and_only_they_are_random() -> None:
 
 @pytest.mark.parametrize("name", ["w", "b"])
 def test_weights_and_biases_are_uniform_in_their_range(name: str) -> None:
-    drawn = ExtremeLearningMachine(nodes=2000, weight_range=0.7, seed=3).fit(X, Y).arrays[name]
+    drawn = ExtremeLearningMachine(nodes=800, weight_range=0.7, seed=3).fit(X, Y).arrays[name]
     assert 0.69 < np.abs(drawn).max() <= 0.7
     assert abs(drawn.mean()) < 5 * 0.7 / np.sqrt(3 * drawn.size)
     np.testing.assert_allclose(drawn.std(), 0.7 / np.sqrt(3), rtol=0.05)
