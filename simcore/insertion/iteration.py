@@ -87,7 +87,8 @@ def evaluate(model: CoupledModel, workspace: Workspace, start: Bodies, active: A
     of_tissue, force, moment, gap, law, at.inserted_m = residuals(
         model.constants, active.constraints, motion, at.unknowns, at.force_n, workspace.arrays
     )
-    return Residuals(max(of_tissue, force, moment / model.needle.element_length_m), gap, law)
+    of_needle = np.float64(force), np.float64(moment) / model.needle.element_length_m
+    return Residuals(max(of_tissue, *of_needle), gap, law)
 
 
 def converged(model: CoupledModel, at: Iterate, missing: Residuals) -> bool:
