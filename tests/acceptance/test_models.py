@@ -103,5 +103,5 @@ def test_the_client_names_what_cannot_be_trained(tmp_path: Path) -> None:
         told = needlebench("models", "train", tmp_path / "missing.npz", "--url", server.url)
         assert (told.exit_code, "DATA" in told.output) == (2, True)
         told = needlebench("models", "train", f"artefact:{'0' * 64}.npz", "--kind", "linear", "--url", server.url)
-        assert (told.exit_code, "is no upload of this service" in told.output) == (2, True)
+        assert (told.exit_code, "is not an upload of this service" in told.output) == (2, True)
         assert set(server.client.controllers()) >= {"ifem", "elm", "plugin"}
