@@ -48,10 +48,12 @@ def rcm_authority(response: Linearisation | None, rotation: Floats) -> Floats:
     if response is None or response.rcm is None:
         return np.full((2, 2), np.nan)
     across = rotation[:, :2]
-    (a, b), (c, d) = response.rcm[:, 3:] @ across
+    passing = (response.rcm.reshape(4, 3) @ across).reshape(2, 2, 2)  # of each row: by moves, by turns
+    (a, b), (c, d) = passing[:, 1].tolist()
     determinant = a * d - b * c
     if determinant == 0.0:
         return np.full((2, 2), np.nan)
-    turn = np.array([[-d, b], [c, -a]]) @ (response.rcm[:, :3] @ across) / determinant
-    authority: Floats = across.T @ (response.tip[:, :3] @ across + response.tip[:, 3:] @ (across @ turn))
+    turn = np.array([[-d, b], [c, -a]]) @ passing[:, 0] / determinant
+    tip = ((across.T @ response.tip).reshape(4, 3) @ across).reshape(2, 2, 2)
+    authority: Floats = tip[:, 0] + tip[:, 1] @ turn
     return authority
