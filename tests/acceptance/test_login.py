@@ -84,7 +84,7 @@ def test_a_browser_logs_in_with_a_key_and_pages_of_elsewhere_get_nowhere(tmp_pat
         assert page.url.startswith(f"{server.url}/login")
         page.get_by_label("API key").fill("wrong")
         page.keyboard.press("Enter")
-        assert page.get_by_role("alert").inner_text().startswith("This key is not known")
+        assert page.get_by_role("alert").inner_text().startswith("This key is unknown")
         page.get_by_label("API key").fill(key)
         page.get_by_role("button").click()
         page.wait_for_url(f"{server.url}/")
