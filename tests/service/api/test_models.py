@@ -127,7 +127,7 @@ def test_every_kind_of_controller_is_told_with_its_schema(both: Both) -> None:
     assert learned == set(REGRESSORS)
     assert {"ifem", "open_loop", "replay", "plugin", "frozen", "rigid"} <= set(items) - learned
     assert items["ifem"]["defaults"]["model"] == {"kind": "shared"}
-    assert items["elm"]["defaults"] == {"kind": "elm", "model": "default", "model_sha256": None}
+    assert items["elm"]["defaults"] == {"kind": "elm", "model": "default", "model_sha256": None, "delay_s": 0.0}
     for item in items.values():
         assert item["description"]
         assert item["schema"]["properties"]["kind"]["default"] == item["kind"]
