@@ -26,7 +26,7 @@ if TYPE_CHECKING:
 _KEY = "chaos"
 _WARM = 0.1  # share of the requests after which the first sample is taken
 _MORE_DESCRIPTORS = 20  # [ours] threads each keep a connection to the database: three descriptors
-_FIRST_MB = 25.0  # [ours] since the first sample: what is used for the first time, and the allocator's high-water mark
+_FIRST_MB = 75.0  # [ours] since the first sample: what is imported at its first use (SciPy, 40 MB), and the allocator
 _AGAIN_MB, _AGAIN_KB = 5.0, 1.0  # [ours] by all requests once more, of which nothing is new; or so much by each of them
 _PROBLEM, _HTML = "application/problem+json", "text/html"
 
