@@ -30,9 +30,14 @@ def fingerprint() -> str:
     return digest.hexdigest()[:16]
 
 
+def user_cache() -> Path:
+    """The user's cache folder of this program; it need not exist."""
+    return Path(platformdirs.user_cache_dir("needlebench"))
+
+
 def _cache_folder() -> str:
     """A writable folder for this very source: the user's cache, else a temporary one (compiled anew each time)."""
-    wanted = Path(platformdirs.user_cache_dir("needlebench")) / f"kernels-{fingerprint()}"
+    wanted = user_cache() / f"kernels-{fingerprint()}"
     try:
         wanted.mkdir(parents=True, exist_ok=True)
         with tempfile.TemporaryFile(dir=wanted):

@@ -7,7 +7,7 @@ from typing import Any
 
 from hypothesis import strategies as st
 
-from simcore.scenario.scenario import MAXIMUM_CELLS, MAXIMUM_STEPS, MINIMUM_DEPTH_MM, MINIMUM_SPACING_MM, STAND_OFF_MM
+from simcore.scenario.scenario import MAXIMUM_CELLS, MAXIMUM_STEPS, MINIMUM_DEPTH_MM, STAND_OFF_MM
 
 Json = dict[str, Any]
 

@@ -46,6 +46,7 @@ class Balls(NamedTuple):
 class Ball:
     """A ball in the mesh that it was made for; capacity: the largest number of nodes that its weights can touch."""
 
+    radius_m: float
     rule: BallRule
     capacity: int
 
@@ -53,7 +54,7 @@ class Ball:
     def of_radius(cls, radius_m: float, mesh: Mesh) -> Ball:
         """Midpoint rule on a grid that is symmetric under reflections; spread_mm = 0 gives the bare point."""
         if radius_m == 0.0:
-            return cls(BallRule(np.zeros((1, 3)), np.ones(1), 0.0, mesh.geometry), 4)
+            return cls(0.0, BallRule(np.zeros((1, 3)), np.ones(1), 0.0, mesh.geometry), 4)
         cell = radius_m / GRID
         axis = (np.arange(2 * GRID) - GRID + 0.5) * cell
         x, y, z = (a.ravel() for a in np.meshgrid(axis, axis, axis, indexing="ij"))
@@ -61,7 +62,7 @@ class Ball:
         inside = square < 1.0
         offsets = np.column_stack([x, y, z])[inside]
         capacity = min(mesh.nodes_touched(radius_m), len(mesh.nodes_m))
-        return cls(BallRule(offsets, (1.0 - square[inside]) ** 2, cell, mesh.geometry), capacity)
+        return cls(radius_m, BallRule(offsets, (1.0 - square[inside]) ** 2, cell, mesh.geometry), capacity)
 
 
 @kernel

@@ -35,20 +35,29 @@ class ChannelModel:
     """Spacing, ball quadrature and mesh: what the channel needs and a run never changes.
 
     inward: (3,) unit normal of the surface at the entry, into the tissue; it stays the normal of the contact.
+    hard: points are rows without compliance, which lock where they are close: they begin a spacing behind X_c.
     """
 
     spacing_m: float
+    hard: bool
     ball: Ball
     rest_m: Floats
     inward: Floats
     capacity: int
 
     @classmethod
-    def of(cls, *, spacing_m: float, spread_m: float, longest_m: float, mesh: Mesh, entry_m: Floats) -> ChannelModel:
+    def of(
+        cls, *, spacing_m: float, spread_m: float, longest_m: float, mesh: Mesh, entry_m: Floats, hard: bool
+    ) -> ChannelModel:
         """longest_m: a bound on the rest length of the channel; elements are allocated once."""
         ball = Ball.of_radius(spread_m, mesh)
         inward = mesh.inward_normal(entry_m)
-        return cls(spacing_m, ball, mesh.nodes_m, inward, int(longest_m / spacing_m) + 4)
+        return cls(spacing_m, hard, ball, mesh.nodes_m, inward, int(longest_m / spacing_m) + 4)
+
+    @property
+    def lag_m(self) -> float:
+        """Rest length by which X_c is ahead of a point that begins to constrain."""
+        return self.spacing_m if self.hard else 0.0
 
 
 @dataclass
@@ -63,7 +72,7 @@ class Channel:
     force_n: Floats  # (P, 3) of the needle on the tissue, world
     force_change_n: Floats  # (P, 3) in the last step
     mode: Ints  # (P,) last position on the axial staircase (see `contact_laws`)
-    created: Flags  # (P,) constrains since X_c is far enough ahead
+    created: Flags  # (P,) constrains since X_c was far enough ahead
     active: Flags  # (P,) constrains now: the needle reaches it
     nodes: Ints  # (P, K) ball weights
     weights: Floats  # (P, K)

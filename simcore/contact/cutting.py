@@ -1,6 +1,7 @@
 """How the channel changes: puncture, cutting, creation and removal of constraint points (after Duriez et al. 2009).
 
-A point is created a spacing behind the channel end X_c and dropped half a spacing behind the tip.
+A point is created where the tip cuts, and stays there. It constrains at once; a hard one as soon as X_c is a spacing
+ahead. It is dropped, and taken up again, half a spacing behind the tip, where the length that it stands for is zero.
 """
 
 from __future__ import annotations
@@ -41,7 +42,7 @@ def _append(channel: Channel, model: ChannelModel, rest_m: Floats, depth_m: floa
     channel.depth_m[element] = depth_m
     channel.arc_m[element] = channel.arc_m[0]
     channel.force_n[element] = 0.0
-    channel.mode[element] = 1
+    channel.mode[element] = 1 if model.hard else 2  # the tip that cuts it slides past it
     channel.created[element] = channel.active[element] = False
 
 
@@ -103,6 +104,7 @@ def puncture(channel: Channel, model: ChannelModel) -> None:
     channel.phase = Phase.INSERTED
     channel.depth_m[0] = 0.0
     _append(channel, model, channel.rest_m[0].copy(), 0.0)
+    channel.created[1] = channel.active[1] = not model.hard
     channel.mode[0] = 1
 
 
@@ -129,13 +131,14 @@ def refresh_elements(
 ) -> float:
     """Create, drop and take up elements after a converged step; returns the largest lateral gap (m) taken up.
 
-    Created: X_c is a spacing ahead of it. Dropped: the tip is half a spacing behind it (no chatter), at the entry as
-    soon as the tip is outside. Taken up again: the tip reaches it; X_c a quarter of a spacing earlier, so that no tip
-    passes it unnoticed. A new element is moved sideways onto the shaft, so that it begins without a force.
+    Created: at once, or X_c is a spacing ahead of a hard one, which is moved sideways onto the shaft, so that it begins
+    without a force. Dropped: the tip is half a spacing behind it, at the entry as soon as the tip is outside. Taken up
+    again: there too, a hard one when the tip reaches it; X_c a quarter of a spacing earlier, so that no tip passes it
+    unnoticed.
     """
     length = element_length_m * (len(needle_x) - 1)
     end_dropped = channel.arc_m[0] > length + 0.5 * model.spacing_m
-    ahead = model.spacing_m * (0.5 if end_dropped else 1.0)
+    ahead = model.lag_m * (0.5 if end_dropped else 1.0)
     largest = 0.0
     for j in _in_question(channel, length):
         if not channel.active[j]:
@@ -148,13 +151,21 @@ def refresh_elements(
             channel.force_n[j] = 0.0
         elif not channel.created[j] and channel.depth_m[0] >= channel.depth_m[j] + ahead:
             channel.created[j] = channel.active[j] = behind <= 0.0
-            _onto_shaft(channel, model, j, x, needle_x, needle_R, element_length_m)
-        elif channel.created[j] and not channel.active[j] and behind <= (0.25 * model.spacing_m if j == 0 else 0.0):
+            if model.hard:
+                _onto_shaft(channel, model, j, x, needle_x, needle_R, element_length_m)
+        elif channel.created[j] and not channel.active[j] and behind <= _taken_up_m(model, j):
             c, _, _, _, _ = shaft_frame(needle_x, needle_R, element_length_m, channel.arc_m[j])
             largest = max(largest, float(np.linalg.norm(c - channel.position(model, j, x))))
             channel.active[j] = True
             channel.mode[j] = 1
     return largest
+
+
+def _taken_up_m(model: ChannelModel, element: int) -> float:
+    """How far the tip may be behind an element that constrains again."""
+    if element == 0:
+        return 0.25 * model.spacing_m
+    return 0.0 if model.hard or element == 1 else 0.5 * model.spacing_m
 
 
 def _in_question(channel: Channel, needle_length_m: float) -> Ints:

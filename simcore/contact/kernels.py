@@ -46,7 +46,8 @@ class TissueShape(NamedTuple):
 
 class ConstraintPoints(NamedTuple):
     """Of each active element: arc length (a,) m, speed |c'| (a,), frame (a, 3, 3), local gap (a, 3) m, beam (a,), the
-    gradient (a, 3, 12) of its shaft point in world axes, and the ball's place (a, 3) m."""
+    gradient (a, 3, 12) of its shaft point in world axes, the ball's place (a, 3) m, and the compliance of the line
+    between ball and shaft (a, 3, 3) m/N, local."""
 
     arc: Floats
     speed: Floats
@@ -55,11 +56,13 @@ class ConstraintPoints(NamedTuple):
     beams: Ints
     columns: Floats
     places: Floats
+    compliance: Floats
 
 
 @kernel
 def constraint_geometry(
     contact: bool,
+    hard: bool,
     elements: Ints,
     balls: Balls,
     tissue: TissueShape,
@@ -70,12 +73,12 @@ def constraint_geometry(
 ) -> None:
     """Write the points of the active elements.
 
-    Sticking elements keep the arc length of their breakpoint; all others are projected onto the shaft. The frame of a
-    surface contact stays as it is, inward normal last, and its arc length is L + gap along the normal.
+    Sticking elements keep the arc length of their breakpoint where they are hard, as X_c is; all others are projected
+    onto the shaft. The frame of a surface contact stays as it is, inward normal last, and its arc length is L + gap along the normal.
     """
     rest, nodes, weights, touched = balls
     needle_x, needle_R, element_length = shaft
-    arc, speed, frames, gap, beams, columns, places = out
+    arc, speed, frames, gap, beams, columns, places, _ = out
     length = element_length * (len(needle_x) - 1)
     for i in range(len(elements)):
         e = elements[i]
@@ -83,7 +86,7 @@ def constraint_geometry(
         displaced(rest[e], nodes[e], weights[e], touched[e], tissue.x, tissue.x_rest, p)
         if contact:
             s = length
-        elif mode[i] % 2 == 1:
+        elif mode[i] % 2 == 1 and (hard or e == 0):
             s = breaks[i, mode[i] // 2]
         else:
             s = project(needle_x, needle_R, element_length, p, arc[i])
@@ -227,10 +230,12 @@ def move_nodes(unknown: Ints, moves: Singles, x: Floats) -> None:
 
 
 @kernel
-def local_compliance(elements: Ints, between: Floats, shaft_moves: Floats, frames: Floats, out: Floats) -> None:
-    """Write out (3a, 3a) = N (G_tissue + G_needle) N^T: gap per force in the local frames of both elements.
+def local_compliance(
+    elements: Ints, between: Floats, shaft_moves: Floats, frames: Floats, line: Floats, out: Floats
+) -> None:
+    """Write out (3a, 3a) = N (G_tissue + G_needle) N^T + C: gap per force in the local frames of both elements.
 
-    between: (3P, 3P) tissue; shaft_moves: (a, 3, 3a) needle, both world.
+    between: (3P, 3P) tissue; shaft_moves: (a, 3, 3a) needle, both world; line: C (a, 3, 3), local.
     """
     count = len(elements)
     world = np.empty((3, 3))
@@ -246,6 +251,8 @@ def local_compliance(elements: Ints, between: Floats, shaft_moves: Floats, frame
                         for q in range(3):
                             value += frames[i, a, p] * world[p, q] * frames[j, b, q]
                     out[3 * i + a, 3 * j + b] = value
+    for i in range(count):
+        out[3 * i : 3 * i + 3, 3 * i : 3 * i + 3] += line[i]
 
 
 @kernel

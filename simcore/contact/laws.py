@@ -1,6 +1,7 @@
 """The laws between needle and tissue, and the small dense problem that enforces all of them at once.
 
-Each element has a local frame (n1, n2, tau). Laterally the needle is held by the tissue in both directions (bilateral).
+Each element has a local frame (n1, n2, tau). Laterally the needle is held by the tissue in both directions (bilateral):
+hard, or with the line's own compliance (see `line`), gap + C lambda = 0; a free tip bears no lateral force at all.
 Axially, force and arc length obey a monotone staircase: while the needle moves forward relative to the tissue, s
 falls; where s rests on a breakpoint, any force between two levels is possible (stick), elsewhere the force is a level.
 
@@ -22,7 +23,7 @@ import numpy as np
 from simcore.compiled import kernel
 
 if TYPE_CHECKING:
-    from simcore.arrays import Floats, Ints
+    from simcore.arrays import Flags, Floats, Ints
 
 FORCE_SLACK_N = 1e-9  # above the rounding of the dense solve, far below every force tolerance
 MODE_SWEEPS = 200
@@ -67,6 +68,7 @@ class Law(NamedTuple):
     base_n: Floats
     friction: float
     contact: bool
+    free: Flags  # (a,) bears no lateral force
 
 
 class Response(NamedTuple):
@@ -172,6 +174,7 @@ def system_rows(
     # Duriez et al. 2009 enforce the laws on the condensed problem. A row states a gap, gap + w (force' - force) = goal:
     # laterally 0, along the shaft the way to the breakpoint at which it sticks. Where it slides, a row puts the axial
     # force on its level, |lambda_n| linearised: force'_t - sign mu n . force'_n = sign tau0 l + extra, |n| = 1.
+    # Rows of a free tip say force'_n = 0. Compliance along the line is in gap and w already.
     w, gap, arc, speed, force = response
     breaks, sign, extra = law.stair.breaks, law.stair.sign, law.stair.extra
     friction = 0.0 if law.contact else law.friction
@@ -196,6 +199,11 @@ def system_rows(
             if lateral > 0.0:
                 for c in range(2):
                     matrix[row, 3 * i + c] = -scale * sign[i, k] * friction * around[i, c] / lateral
+        if law.free[i]:
+            for row in range(3 * i, 3 * i + 2):
+                matrix[row, :] = 0.0
+                matrix[row, row] = w[row, row]
+                right[row] = 0.0
     if sliding:
         for c in range(2):
             scale = w[c, c]

@@ -7,7 +7,7 @@ Linear in the changes of the constraint forces dF (a, 3) N, world, of the arc le
     gap          dp - C dq - c' ds = 0                                               ds = 0 while it sticks
     friction     d(F . tau) = sign (tau0 dl + mu d|F - (F . tau) tau|)               tau = c' / |c'|
 
-after Duriez et al. 2009 and our laws (see `contact_laws`). The needle is eliminated by its block tridiagonal factor.
+after Duriez et al. 2009 and our laws (see `contact.laws`), and what the line's coupling adds (`line_tangent`). The needle is eliminated by its block tridiagonal factor.
 """
 
 from __future__ import annotations
@@ -20,6 +20,8 @@ import numpy as np
 from simcore.compiled import kernel
 from simcore.contact.channel import tributary_lengths
 from simcore.contact.kernels import moved_shaft, needle_right_sides
+from simcore.contact.line import SHORTEST_M
+from simcore.insertion.line_tangent import Tributary, Turning, add_line_rows, projected_arcs
 from simcore.needle.model import factor_blocks, solve_blocks
 from simcore.needle.shaft import Shaft, shaft_columns, shaft_frame, shaft_weights
 
@@ -110,10 +112,11 @@ def constraint_tangent(model: CoupledModel, solved: SolvedStep) -> ConstraintTan
     """Of a converged step."""
     active, at, needle = solved.active, solved.at, model.needle
     a, contact, channel = len(active.elements), active.contact, active.channel
-    slopes = {} if contact else inserted_slopes(channel.depth_m, at.all_arcs_m, channel.count, needle.length_m)
+    placed = projected_arcs(solved)
+    slopes = {} if contact else inserted_slopes(channel.depth_m, placed, channel.count, needle.length_m)
     beside = [j for j in slopes if not channel.active[j]]
     elements = np.array([*active.elements, *beside], np.int64)
-    arcs = np.full(len(elements), needle.length_m) if contact else at.all_arcs_m[elements]
+    arcs = np.full(len(elements), needle.length_m) if contact else placed[elements]
     points = shaft_points(solved.bodies, needle.element_length_m, arcs)
     moves = _needle_moves(model, solved, points)
     base = np.zeros((6, 4 * a + 6))
@@ -129,10 +132,13 @@ def constraint_tangent(model: CoupledModel, solved: SolvedStep) -> ConstraintTan
     slides = at.mode % 2 == 0
     if contact:
         _surface_rows(model, solved, rows, per_ball)
-    elif slides.any():
+        return ConstraintTangent(elements, rows[:, : 4 * a], per_ball, rows[:, 4 * a :], moves)
+    tributary = _tributary(model, solved, elements, points, slopes, (shaft, turn))
+    if slides.any():
         _friction_rows(model, solved, slides, turn[:a], points.dc[:a], rows)
-        length = _inserted_row(model, solved, elements, points, slopes, (shaft, turn))
-        _subtract_lengths(model, solved, slides, *length, rows, per_ball)
+        _subtract_lengths(model, solved, slides, tributary, rows, per_ball)
+    if not model.line.hard or model.line.free_tip:
+        add_line_rows(model, solved, Turning(points.dc[:a], turn[:a]), tributary, rows, per_ball)
     return ConstraintTangent(elements, rows[:, : 4 * a], per_ball, rows[:, 4 * a :], moves)
 
 
@@ -185,6 +191,26 @@ def _friction_rows(
     rows[3 * a :][slides] = law[slides]
 
 
+def _tributary(
+    model: CoupledModel,
+    solved: SolvedStep,
+    elements: Ints,
+    points: ShaftPoints,
+    slopes: dict[int, float],
+    changes: tuple[Floats, Floats],
+) -> Tributary:
+    """Tributary lengths of the active elements: they follow the inserted length, piecewise linearly."""
+    channel, active = solved.active.channel, solved.active.elements
+    inserted, by_ball = _inserted_row(model, solved, elements, points, slopes, changes)
+    longer, now = np.zeros(channel.count), np.zeros(channel.count)
+    for out, length in ((longer, solved.at.inserted_m + TRIBUTARY_STEP_M), (now, solved.at.inserted_m)):
+        tributary_lengths(channel.depth_m, channel.active, channel.count, length, out)
+    growth = ((longer - now) / TRIBUTARY_STEP_M)[active]
+    lengths = np.maximum(now[active], SHORTEST_M)
+    growth[now[active] < SHORTEST_M] = 0.0
+    return Tributary(lengths, np.outer(growth, inserted), np.outer(growth, by_ball))
+
+
 def _inserted_row(
     model: CoupledModel,
     solved: SolvedStep,
@@ -213,21 +239,15 @@ def _subtract_lengths(
     model: CoupledModel,
     solved: SolvedStep,
     slides: Flags,
-    inserted: Floats,
-    by_ball: Floats,
+    tributary: Tributary,
     rows: Floats,
     per_ball: Floats,
 ) -> None:
-    """Rows sign tau0 dl: the tributary lengths follow the inserted length, piecewise linearly."""
-    channel = solved.active.channel
-    longer, now = np.zeros(channel.count), np.zeros(channel.count)
-    for out, length in ((longer, solved.at.inserted_m + TRIBUTARY_STEP_M), (now, solved.at.inserted_m)):
-        tributary_lengths(channel.depth_m, channel.active, channel.count, length, out)
-    growth = (model.law.adhesion_n_per_m / TRIBUTARY_STEP_M) * (longer - now)[solved.active.elements]
+    """Rows sign tau0 dl where it slides."""
     for i in np.flatnonzero(slides):
-        pull = solved.active.stair.sign[i, solved.at.mode[i] // 2] * growth[i]
-        rows[3 * len(slides) + i] -= pull * inserted
-        per_ball[3 * len(slides) + i] -= pull * by_ball
+        pull = solved.active.stair.sign[i, solved.at.mode[i] // 2] * model.law.adhesion_n_per_m
+        rows[3 * len(slides) + i] -= pull * tributary.change[i]
+        per_ball[3 * len(slides) + i] -= pull * tributary.by_ball[i]
 
 
 def _surface_rows(model: CoupledModel, solved: SolvedStep, rows: Floats, per_ball: Floats) -> None:

@@ -83,12 +83,15 @@ class Insertion:
         return Pose(self.entry_m - self.needle.length_m * rotation[:, 2], rotation)
 
     def initial_state(self, tangent: Floats) -> InsertionState:
-        """Tissue at rest, needle straight along `tangent`, tip at the entry, touching."""
+        """Tissue at rest, needle straight along `tangent` (3,), unit, its tip at the entry: it touches the surface, or
+        is in it where the puncture takes no force."""
         base = self.initial_base(tangent)
         x, R = straight(self.needle, base.position_m, base.rotation)
         rest = self.tissue.mesh.nodes_m
         bodies = Bodies(rest.copy(), np.zeros_like(rest), x, R, np.zeros((len(x), 6)))
         channel = Channel.at_surface(self.model.channel, self.entry_m, self.needle.length_m)
+        if self.model.law.puncture_n == 0.0:
+            puncture(channel, self.model.channel)
         solved = self._kept(solve_step(self.model, self.workspace, bodies, channel, Goal(base)))
         nothing = np.zeros((0, 3))
         return InsertionState(bodies, channel, np.zeros(6), 0.0, nothing, nothing, solved.report, solved)

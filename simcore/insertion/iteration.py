@@ -9,6 +9,7 @@ import numpy as np
 from simcore.contact.channel import Channel, Phase
 from simcore.contact.kernels import ConstraintPoints, Motion, move_nodes, moved_shaft, tissue_moves, to_local, to_world
 from simcore.contact.laws import Response, Staircase, solve_laws, staircases
+from simcore.contact.line import free_points
 from simcore.insertion.residuals import Constraints, Unknowns, residuals
 from simcore.insertion.response import NeedleResponse, linear_response
 from simcore.insertion.state import ActiveSet, Bodies, Goal, Guess, Iterate, Residuals, Workspace
@@ -36,8 +37,9 @@ def begin(
     elements = channel.active_elements()
     a, contact = len(elements), channel.phase is Phase.CONTACT
     stair, balls = Staircase.of_size(a), channel.balls
-    constraints = Constraints(contact, elements, stair, balls, channel.depth_m, channel.active, channel.count)
-    active = ActiveSet(channel, contact, elements, balls, stair, constraints)
+    free = free_points(elements, contact=contact, free_tip=model.line.free_tip)
+    constraints = Constraints(contact, elements, stair, free, balls, channel.depth_m, channel.active, channel.count)
+    active = ActiveSet(channel, contact, elements, balls, stair, free, constraints)
     law, mode, arcs = model.law, first.mode.copy(), channel.arc_m[elements]
     staircases(contact, elements, arcs, model.needle.length_m, law.cutting_n, law.puncture_n, mode, active.stair)
     workspace.compliance.sync(channel)
@@ -49,6 +51,7 @@ def begin(
         beams=np.zeros(a, np.int64),
         columns=np.zeros((a, 3, 12)),
         places=np.zeros((a, 3)),
+        compliance=np.zeros((a, 3, 3)),
     )
     if contact:
         points.frames[:] = model.surface_frame

@@ -90,6 +90,7 @@ def _force_response(model: CoupledModel, solved: SolvedStep, w: Floats, shaft_mo
     system_rows(response, at.law(model, active), force, at.mode, at.slide, slides, matrix, right)
     local = np.einsum("iab,ibk->iak", points.frames, shaft_moves)
     local[at.mode % 2 == 0, 2] = 0.0  # a sliding element's force does not depend on where it slides
+    local[active.free, :2] = 0.0
     if slides:
         local[0, :2] = 0.0
     change = np.linalg.solve(matrix, local.reshape(3 * a, 6)).reshape(a, 3, 6)

@@ -15,6 +15,7 @@ if TYPE_CHECKING:
     from simcore.arrays import Floats
     from simcore.contact.channel import ChannelModel
     from simcore.contact.laws import ContactLaw
+    from simcore.contact.line import LineCoupling
     from simcore.needle.model import NeedleModel
     from simcore.tissue.model import TissueModel
 
@@ -40,6 +41,7 @@ class CoupledModel:
     needle: NeedleModel
     channel: ChannelModel
     law: ContactLaw
+    line: LineCoupling
     tolerances: Tolerances
     entry_m: Floats  # (3,) m, on the surface: where the needle enters
     dt_s: float
@@ -57,4 +59,6 @@ class CoupledModel:
         tissue, needle, law = self.tissue, self.needle, self.law
         inertia = Inertia(tissue.masses_kg, tissue.mass_damping_per_s, tissue.stiffness_damping_s)
         lengths = (needle.length_m, law.adhesion_n_per_m)
-        return Constants(inertia, tissue.unknown, self.channel.rest_m, needle.section, *lengths, law.friction)
+        return Constants(
+            inertia, tissue.unknown, self.channel.rest_m, needle.section, *lengths, law.friction, self.line
+        )

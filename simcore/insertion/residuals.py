@@ -24,6 +24,7 @@ from simcore.contact.kernels import (
     to_local,
 )
 from simcore.contact.laws import Law, Staircase, law_residual
+from simcore.contact.line import LineCoupling, add_line_gap, largest_gap
 from simcore.needle.beam import BeamForces, Section, internal
 
 if TYPE_CHECKING:
@@ -34,7 +35,7 @@ if TYPE_CHECKING:
 
 class Constants(NamedTuple):
     """What a run never changes: of the tissue inertia, ranks of the unknowns (n,) and nodes at rest (n, 3) m; section
-    and length of the needle; adhesion per length and Coulomb's coefficient."""
+    and length of the needle; adhesion per length and Coulomb's coefficient; the coupling along the line."""
 
     inertia: Inertia
     unknown: Ints
@@ -43,15 +44,18 @@ class Constants(NamedTuple):
     needle_length_m: float
     adhesion_n_per_m: float
     friction: float
+    line: LineCoupling
 
 
 class Constraints(NamedTuple):
-    """What a step never changes: whether the surface is only touched, the active elements (a,) with their staircases;
-    of all elements the balls, rest depths (P,) m and whether they are active (P,), and in total how many exist."""
+    """What a step never changes: whether the surface is only touched, the active elements (a,) with their staircases
+    and whether they are free sideways (a,); of all elements the balls, rest depths (P,) m and whether they are active
+    (P,), and in total how many exist."""
 
     contact: bool
     elements: Ints
     stair: Staircase
+    free: Flags
     balls: Balls
     depth_m: Floats
     active: Flags
@@ -99,13 +103,20 @@ def residuals(
     elements, contact, points = constraints.elements, constraints.contact, unknowns.points
     internal(unknowns.shaft.x, unknowns.shaft.R, constants.section, arrays.beams)
     inserted = locate_constraints(constants, constraints, motion.x, unknowns, arrays.tributary_m)
+    local = to_local(points.frames, force)
+    if not (contact or constants.line.hard):
+        breaks = constraints.stair.breaks
+        add_line_gap(constants.line, elements, arrays.tributary_m, local, unknowns.mode, breaks, points)
+        for i in range(len(elements)):
+            unknowns.all_arcs_m[elements[i]] = points.arc[i]
     free_residual(arrays.held_n, arrays.damping_n, motion, constants.inertia, constants.unknown, arrays.right)
     tissue = add_needle_forces(elements, constraints.balls, force, constants.unknown, arrays.right)
     needle_residual(arrays.beams.forces, points.beams, points.columns, force, arrays.needle_rest)
     free = arrays.needle_rest[1:]
-    law = Law(constraints.stair, unknowns.adhesion_n, constants.friction, contact)
-    from_law = law_residual(law, to_local(points.frames, force), unknowns.mode)
-    gap = largest_gap(contact, unknowns.slide, points.gap)
+    law = Law(constraints.stair, unknowns.adhesion_n, constants.friction, contact, constraints.free)
+    from_law = law_residual(law, local, unknowns.mode)
+    slips = contact and (unknowns.slide[0] != 0.0 or unknowns.slide[1] != 0.0)
+    gap = largest_gap(constants.line, constraints.free, slips, points.compliance, points.gap)
     return tissue, largest(free, 0, 3), largest(free, 3, 6), gap, from_law, inserted
 
 
@@ -115,10 +126,11 @@ def locate_constraints(
 ) -> float:
     """Write the geometry of the constraints and how much channel (P,) m and adhesion belong to each; returns the rest
     length of channel that the needle occupies, m."""
-    contact, elements, stair, balls, depth, active, count = constraints
+    contact, elements, stair, _, balls, depth, active, count = constraints
     shaft, points, mode, adhesion, arcs, _ = unknowns
     tissue, length = TissueShape(x, constants.x_rest), constants.needle_length_m
-    constraint_geometry(contact, elements, balls, tissue, shaft, mode, stair.breaks, points)
+    hard = constants.line.hard
+    constraint_geometry(contact, hard, elements, balls, tissue, shaft, mode, stair.breaks, points)
     if contact:
         return 0.0
     for i in range(len(elements)):
@@ -129,13 +141,6 @@ def locate_constraints(
     for i in range(len(elements)):
         adhesion[i] = constants.adhesion_n_per_m * tributary[elements[i]]
     return inserted
-
-
-@kernel
-def largest_gap(contact: bool, slide: Floats, gap: Floats) -> float:
-    """Largest component of the gaps (a, 3) m in local frames; a surface contact that slips may move laterally."""
-    slips = contact and (slide[0] != 0.0 or slide[1] != 0.0)
-    return largest(gap, 2 if slips else 0, 3)
 
 
 @kernel

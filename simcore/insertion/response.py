@@ -29,7 +29,7 @@ def linear_response(
     active: ActiveSet, points: ConstraintPoints, beams: BeamForces, between_m_per_n: Floats
 ) -> NeedleResponse:
     """Of the needle at its tangent `beams`, and of the tissue by its compliance (3P, 3P) between all elements."""
-    where = (points.beams, points.columns, points.frames)
+    where = (points.beams, points.columns, points.frames, points.compliance)
     w, moves, *factor = responses(active.elements, *where, beams.diag, beams.upper, beams.lower, between_m_per_n)
     return NeedleResponse(w, moves, (factor[0], factor[1]))
 
@@ -40,6 +40,7 @@ def responses(
     beams: Ints,
     columns: Floats,
     frames: Floats,
+    line: Floats,
     diag: Floats,
     upper: Floats,
     lower: Floats,
@@ -53,5 +54,5 @@ def responses(
     solve_blocks(inverses, multipliers, upper[1:], moves)
     shaft, w = np.empty((a, 3, 3 * a)), np.empty((3 * a, 3 * a))
     moved_shaft(beams, columns, np.zeros((6, 3 * a)), moves, shaft)
-    local_compliance(elements, between, shaft, frames, w)
+    local_compliance(elements, between, shaft, frames, line, w)
     return w, moves, inverses, multipliers

@@ -14,7 +14,7 @@ from simcore.needle.beam import BeamForces
 from simcore.tissue.force_blocks import ForceBlocks
 
 if TYPE_CHECKING:
-    from simcore.arrays import Floats, Ints, Singles
+    from simcore.arrays import Flags, Floats, Ints, Singles
     from simcore.contact.ball import Balls
     from simcore.contact.channel import Channel
     from simcore.contact.kernels import ConstraintPoints
@@ -105,7 +105,8 @@ class Workspace:
 
 @dataclass(frozen=True)
 class ActiveSet:
-    """What constrains in a step: the channel as it was before it, its active elements (a,) and their staircases.
+    """What constrains in a step: the channel as it was before it, its active elements (a,), their staircases and
+    whether they are free sideways (a,).
 
     constraints: the same, for kernels."""
 
@@ -114,6 +115,7 @@ class ActiveSet:
     elements: Ints
     balls: Balls
     stair: Staircase
+    free: Flags
     constraints: Constraints
 
 
@@ -137,7 +139,7 @@ class Iterate:
 
     def law(self, model: CoupledModel, active: ActiveSet) -> Law:
         """The laws of the active elements, for kernels."""
-        return Law(active.stair, self.adhesion_n, model.law.friction, active.contact)
+        return Law(active.stair, self.adhesion_n, model.law.friction, active.contact, active.free)
 
 
 @dataclass(frozen=True)

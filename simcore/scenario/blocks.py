@@ -14,7 +14,9 @@ from pydantic import BaseModel, ConfigDict, Field, StringConstraints
 from simcore.trajectory import Path
 
 SCHEMA: Literal["needlebench/scenario/1"] = "needlebench/scenario/1"
-MINIMUM_SPACING_MM = 5.0
+HARD_SPACING_MM = 5.0  # closest hard rows
+SPACING_MM = 3.0
+LEAST_SPACING_MM = 0.5
 STAND_OFF_MM = 20.0
 MINIMUM_DEPTH_MM = 0.1
 MAXIMUM_CELLS = 200_000
@@ -79,8 +81,9 @@ class Tissue(Block):
 
     @property
     def cells(self) -> tuple[int, int, int]:
-        """Cells along x, y, z: round(size / element_size), at least 1."""
-        x, y, z = (max(1, round(edge / self.element_size_mm)) for edge in self.size_mm)
+        """Cells along x, y, z: 2 round(size / (2 element_size)), at least 2. Even, so that the mesh is its own mirror
+        image and nodes lie in the middle."""
+        x, y, z = (2 * max(1, round(edge / (2.0 * self.element_size_mm))) for edge in self.size_mm)
         return x, y, z
 
 
@@ -98,25 +101,38 @@ class Needle(Block):
 class Interaction(Block):
     """Forces between needle and tissue."""
 
+    line_compliance: Annotated[bool, Field(strict=True)] = Field(
+        default=True,
+        description="the tissue gives way around a needle of this radius; false = shaft points are hard rows, as in "
+        "Duriez et al. 2009 [ours]",
+    )
+    tip: Literal["free", "held"] = Field(
+        default="free",
+        description="free = no lateral force at the tip itself, the limit of a thin needle; held = a ball of radius "
+        "spread_mm holds it sideways, which has no limit for small balls [ours]",
+    )
     spacing_mm: Number | None = Field(
         default=None,
-        ge=MINIMUM_SPACING_MM,
+        ge=LEAST_SPACING_MM,
         le=50.0,
-        description="rest distance of shaft constraint points; 5 to 50, not below tissue.element_size_mm; "
-        "null = max(5, tissue.element_size_mm) [ours]",
+        description="rest distance of shaft constraint points; 0.5 to 50, without line_compliance at least 5 and not "
+        "below tissue.element_size_mm; null = 3, without line_compliance max(5, tissue.element_size_mm) [ours]",
     )
     spread_mm: Number = bounded(
-        4.0,
+        6.0,
         0.0,
         20.0,
-        "radius of the ball over which a point force is spread, 0 = bare point, else at least 0.1 [ours]",
+        "radius of the ball over which a point force is spread; with line_compliance above the needle's radius / "
+        "0.5119, else 0 = bare point or at least 0.1 [ours]",
     )
     friction: Number = bounded(0.1, 0.0, 1.0, "Coulomb coefficient; above 0.3 with a warning [ours]")
     adhesion_n_per_mm: Number = bounded(
         0.01, 0.0, 1.0, "shaft force per inserted length, without pressure [cited, weak]"
     )
     cutting_n: Number = bounded(0.1, 0.0, 10.0, "axial force at which the tip cuts [ours]")
-    puncture_n: Number = bounded(0.1, 0.0, 10.0, "normal force at which the surface is punctured [ours]")
+    puncture_n: Number = bounded(
+        0.0, 0.0, 10.0, "normal force at which the surface is punctured; 0 = the skin is nicked beforehand [ours]"
+    )
 
 
 class StraightTrajectory(Block):

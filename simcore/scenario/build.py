@@ -8,6 +8,8 @@ import numpy as np
 
 from simcore.contact.channel import ChannelModel
 from simcore.contact.laws import ContactLaw
+from simcore.contact.line import LineCoupling, cylinder_compliance
+from simcore.contact.line_calibration import mesh_deficit
 from simcore.insertion.insertion import Insertion
 from simcore.insertion.model import CoupledModel, Tolerances
 from simcore.mesh.mesh import Mesh, box_mesh
@@ -35,17 +37,39 @@ def insertion_of(scenario: Scenario, *, keeps_tissue: bool = True) -> Insertion:
         longest_m=needle.length_m,
         mesh=tissue.mesh,
         entry_m=entry_m,
+        hard=not interaction.line_compliance,
     )
+    allowed = tolerances(scenario.solver)
     model = CoupledModel(
         tissue=tissue,
         needle=needle,
         channel=channel,
         law=contact_law(interaction),
-        tolerances=tolerances(scenario.solver),
+        line=line_coupling(scenario, tissue, channel, allowed),
+        tolerances=allowed,
         entry_m=entry_m,
         dt_s=scenario.dt_s,
     )
     return Insertion(model, motion=breathing_motion(scenario.motion), keeps_tissue=keeps_tissue)
+
+
+def line_coupling(
+    scenario: Scenario, tissue: TissueModel, channel: ChannelModel, tolerances: Tolerances
+) -> LineCoupling:
+    """The compliance along the needle's line: of a cylinder of its radius, and what the mesh owes."""
+    compliance, hard = np.zeros((3, 3)), not scenario.interaction.line_compliance
+    if not hard:
+        across, along = cylinder_compliance(
+            shear_pa=tissue.mu_pa,
+            poisson=scenario.tissue.poisson,
+            needle_radius_m=0.5e-3 * scenario.needle.outer_diameter_mm,
+            ball_radius_m=channel.ball.radius_m,
+        )
+        entry_m = np.array(scenario.trajectory.entry_mm) * 1e-3
+        inward = np.outer(channel.inward, channel.inward)
+        compliance = across * (np.eye(3) - inward) + along * inward + mesh_deficit(tissue, channel, entry_m)
+    share = tolerances.violation_m / tolerances.force_n
+    return LineCoupling(hard, compliance, scenario.interaction.tip == "free", share)
 
 
 def tissue_model(tissue: Tissue) -> TissueModel:

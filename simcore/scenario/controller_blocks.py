@@ -7,7 +7,7 @@ from typing import Annotated, Any, Literal
 
 from pydantic import Field, JsonValue, StringConstraints, field_validator, model_validator
 
-from simcore.scenario.blocks import MAXIMUM_STEPS, MINIMUM_SPACING_MM, Block, Number, bounded
+from simcore.scenario.blocks import LEAST_SPACING_MM, MAXIMUM_STEPS, Block, Number, bounded
 
 KINDS = "ifem, elm, rigid, frozen, linear, neighbours, mlp, open_loop, replay or plugin"
 MAXIMUM_SETTINGS = 100_000  # characters of a plug-in's settings as JSON
@@ -37,10 +37,10 @@ class SeparateModel(Block):
     friction: Number = bounded(0.1, 0.0, 1.0, "Coulomb coefficient of the model; above 0.3 with a warning [ours]")
     spacing_mm: Number | None = Field(
         default=None,
-        ge=MINIMUM_SPACING_MM,
+        ge=LEAST_SPACING_MM,
         le=50.0,
-        description="rest distance of the model's constraint points; its element size to 50, at least 5; "
-        "null = the larger of interaction.spacing_mm and its element size [ours]",
+        description="rest distance of the model's constraint points; 0.5 to 50, without interaction.line_compliance at "
+        "least 5 and its element size; null = interaction.spacing_mm, hard points not below its element size [ours]",
     )
 
 

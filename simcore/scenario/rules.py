@@ -9,11 +9,13 @@ from typing import Any
 import numpy as np
 
 from simcore.errors import Problem
+from simcore.contact.line import LINE_RADIUS_OF_BALL
 from simcore.scenario.blocks import (
+    HARD_SPACING_MM,
     MAXIMUM_CELLS,
     MAXIMUM_STEPS,
     MINIMUM_DEPTH_MM,
-    MINIMUM_SPACING_MM,
+    SPACING_MM,
     STAND_OFF_MM,
     Breathing,
     Interaction,
@@ -49,7 +51,7 @@ def problems_between(
         *_motion_problems(motion),
         *_pose_problems(controller),
         *_delay_problems(controller, dt_s),
-        *_model_problems(controller, tissue),
+        *_model_problems(controller, interaction, tissue),
         *plugin_problems(controller),
     ]
 
@@ -76,10 +78,16 @@ def with_mesh(tissue: Tissue) -> Tissue:
 
 
 def with_spacing(interaction: Interaction, tissue: Tissue) -> Interaction:
-    """The interaction with its derived spacing: max(5 mm, element size)."""
+    """The interaction with its derived spacing."""
     if interaction.spacing_mm is not None:
         return interaction
-    return interaction.model_copy(update={"spacing_mm": max(MINIMUM_SPACING_MM, tissue.element_size_mm)})
+    derived = derived_spacing_mm(line_compliance=interaction.line_compliance, element_mm=tissue.element_size_mm)
+    return interaction.model_copy(update={"spacing_mm": derived})
+
+
+def derived_spacing_mm(*, line_compliance: bool, element_mm: float) -> float:
+    """Rest distance of constraint points: 3 mm, of hard ones max(5 mm, element size), closer ones lock."""
+    return SPACING_MM if line_compliance else max(HARD_SPACING_MM, element_mm)
 
 
 def without_derived(resolved: dict[str, Any]) -> dict[str, Any]:
@@ -89,10 +97,12 @@ def without_derived(resolved: dict[str, Any]) -> dict[str, Any]:
     """
     data = copy.deepcopy(resolved)
     interaction, model = data["interaction"], data["controller"].get("model")
+    hard = not interaction["line_compliance"]
     if isinstance(model, dict) and model.get("spacing_mm") is not None:
-        derived = max(interaction["spacing_mm"], model["element_size_mm"])
+        derived = max(interaction["spacing_mm"], model["element_size_mm"] if hard else 0.0)
         model["spacing_mm"] = None if model["spacing_mm"] == derived else model["spacing_mm"]
-    if interaction["spacing_mm"] == max(MINIMUM_SPACING_MM, data["tissue"]["element_size_mm"]):
+    element_mm = data["tissue"]["element_size_mm"]
+    if interaction["spacing_mm"] == derived_spacing_mm(line_compliance=not hard, element_mm=element_mm):
         interaction["spacing_mm"] = None
     return data
 
@@ -116,12 +126,29 @@ def _needle_problems(needle: Needle, interaction: Interaction, tissue: Tissue) -
     if needle.inner_diameter_mm >= needle.outer_diameter_mm:
         allowed = f"must be below needle.outer_diameter_mm = {needle.outer_diameter_mm:g}"
         problems.append(Problem("needle.inner_diameter_mm", needle.inner_diameter_mm, allowed))
-    if spacing is not None and spacing < tissue.element_size_mm:
-        allowed = f"must be at least tissue.element_size_mm = {tissue.element_size_mm:g}, closer rows lock; or null"
+    least = 0.0 if interaction.line_compliance else max(HARD_SPACING_MM, tissue.element_size_mm)
+    if spacing is not None and spacing < least:
+        allowed = (
+            f"must be at least {least:g} without interaction.line_compliance (5 and tissue.element_size_mm), closer rows "
+            "lock; or null"
+        )
         problems.append(Problem("interaction.spacing_mm", spacing, allowed))
-    if 0.0 < interaction.spread_mm < 0.1:
-        problems.append(Problem("interaction.spread_mm", interaction.spread_mm, "must be 0 or 0.1 to 20"))
-    return problems
+    return [*problems, *_spread_problems(needle, interaction)]
+
+
+def _spread_problems(needle: Needle, interaction: Interaction) -> list[Problem]:
+    """The ball is wider than the needle, where the line's compliance is the difference of both."""
+    spread = interaction.spread_mm
+    if not interaction.line_compliance:
+        return [Problem("interaction.spread_mm", spread, "must be 0 or 0.1 to 20")] if 0.0 < spread < 0.1 else []
+    least = 0.5 * needle.outer_diameter_mm / LINE_RADIUS_OF_BALL
+    if spread > least:
+        return []
+    allowed = (
+        f"must be above {least:.4g}, the needle's radius / {LINE_RADIUS_OF_BALL}, and at most 20; any from 0.1 and 0 "
+        "only with interaction.line_compliance = false"
+    )
+    return [Problem("interaction.spread_mm", spread, allowed)]
 
 
 def _tissue_problems(tissue: Tissue) -> list[Problem]:
@@ -135,10 +162,6 @@ def _tissue_problems(tissue: Tissue) -> list[Problem]:
         problems.append(Problem("tissue.element_size_mm", tissue.element_size_mm, allowed))
     if not tissue.fixed_faces:
         problems.append(Problem("tissue.fixed_faces", [], "must name at least one face"))
-    for axis, cells in zip("xyz", tissue.cells, strict=True):
-        if cells == 1 and {f"{axis}_min", f"{axis}_max"} <= set(tissue.fixed_faces):
-            allowed = f"gives one cell along {axis} between two fixed faces: nothing could move"
-            problems.append(Problem("tissue.element_size_mm", tissue.element_size_mm, allowed))
     for name, unset in (("fixed_sets", ()), ("mesh_unit_mm", 1.0), ("mesh_sha256", None)):
         value = getattr(tissue, name)
         if value != unset:
@@ -252,15 +275,20 @@ def _with_spacing(model: SeparateModel, interaction: Interaction, tissue: Tissue
     if model.spacing_mm is not None:
         return model
     assert interaction.spacing_mm is not None
-    return model.model_copy(update={"spacing_mm": max(interaction.spacing_mm, model.element_size_mm)})
+    least = 0.0 if interaction.line_compliance else model.element_size_mm
+    return model.model_copy(update={"spacing_mm": max(interaction.spacing_mm, least)})
 
 
-def _model_problems(controller: Controller, tissue: Tissue) -> list[Problem]:
+def _model_problems(controller: Controller, interaction: Interaction, tissue: Tissue) -> list[Problem]:
     model, problems = separate_model(controller), list[Problem]()
     if model is None:
         return problems
-    if model.spacing_mm is not None and model.spacing_mm < model.element_size_mm:
-        allowed = f"must be at least controller.model.element_size_mm = {model.element_size_mm:g}: closer rows lock"
+    least = 0.0 if interaction.line_compliance else max(HARD_SPACING_MM, model.element_size_mm)
+    if model.spacing_mm is not None and model.spacing_mm < least:
+        allowed = (
+            f"must be at least {least:g} without interaction.line_compliance (5 and controller.model.element_size_mm), "
+            "closer rows lock"
+        )
         problems.append(Problem("controller.model.spacing_mm", model.spacing_mm, allowed))
     cells = math.prod(tissue.model_copy(update={"element_size_mm": model.element_size_mm}).cells)
     if cells > MAXIMUM_CELLS and tissue.mesh_file is None:

@@ -12,7 +12,6 @@ from simcore.scenario.blocks import (
     MAXIMUM_CELLS,
     MAXIMUM_STEPS,
     MINIMUM_DEPTH_MM,
-    MINIMUM_SPACING_MM,
     SCHEMA,
     STAND_OFF_MM,
     Block,
@@ -65,7 +64,6 @@ __all__ = [
     "MAXIMUM_CELLS",
     "MAXIMUM_STEPS",
     "MINIMUM_DEPTH_MM",
-    "MINIMUM_SPACING_MM",
     "SCHEMA",
     "STAND_OFF_MM",
     "Breathing",
@@ -100,7 +98,7 @@ class Scenario(Block):
 
     >>> scenario = Scenario.load({"tissue": {"young_kpa": 5.5}, "trajectory": {"target_mm": [18, 31, 60]}})
     >>> scenario.steps, scenario.interaction.spacing_mm
-    (600, 6.0)
+    (600, 3.0)
     """
 
     model_config = ConfigDict(extra="forbid", frozen=True, hide_input_in_errors=True, serialize_by_alias=True)

@@ -24,7 +24,7 @@ if TYPE_CHECKING:
 Vector = NDArray[np.float64]
 
 AHEAD = np.array([0.0, 0.0, 1.0])
-TIGHT = {"force_tolerance_n": 3e-9, "violation_tolerance_mm": 1e-9}
+TIGHT = {"force_tolerance_n": 1e-9, "violation_tolerance_mm": 1e-9}
 BLOCK_MM = (24.0, 40.0, 60.0)
 FORWARD_M = np.arange(1, 61) * 5e-4
 CURVED_M = np.concatenate([FORWARD_M, 0.03 - FORWARD_M[:30], 0.015 + FORWARD_M[:40]])  # push, pull, push beyond

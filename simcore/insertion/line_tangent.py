@@ -1,0 +1,114 @@
+"""The part of the exact linearisation that belongs to the coupling along the needle's line (see `contact.line`).
+
+A shaft point obeys g + L F = 0 with L = P G P / l, P = I - tau tau^T, g = p - c(s) and F the force on the tissue, world;
+it is in contact at s + C F_tau / |c'| with C = tau G tau / l. All of it changes with dF, ds, with the shaft's turn and
+with the tributary length l. A free tip keeps P F = 0 in place of its lateral gap.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, NamedTuple
+
+import numpy as np
+
+if TYPE_CHECKING:
+    from simcore.arrays import Floats
+    from simcore.insertion.model import CoupledModel
+    from simcore.insertion.state import SolvedStep
+
+LATERAL_M_PER_N = 0.01  # makes rows of force as large as rows of gap: only their scale
+
+
+class Turning(NamedTuple):
+    """Of the active elements (a,): c' (a, 3) and its change (a, 3, k) by all unknowns."""
+
+    dc: Floats
+    change: Floats
+
+    def axis(self, i: int) -> tuple[Floats, Floats, float]:
+        """tau (3,), its change (3, k) and |c'| of element i."""
+        size = float(np.linalg.norm(self.dc[i]))
+        tau = self.dc[i] / size
+        return tau, (self.change[i] - np.outer(tau, tau @ self.change[i])) / size, size
+
+
+class Tributary(NamedTuple):
+    """Lengths l (a,) m of the active elements, and their changes (a, k) by all unknowns and (a, 3p) by the balls."""
+
+    length_m: Floats
+    change: Floats
+    by_ball: Floats
+
+
+def projected_arcs(solved: SolvedStep) -> Floats:
+    """(P,) m: where the elements' balls project onto the shaft; they are in contact farther along by the creep."""
+    at, arcs = solved.at, solved.at.all_arcs_m.copy()
+    along = np.einsum("ib,ib->i", at.points.frames[:, 2], at.force_n)
+    arcs[solved.active.elements] -= at.points.compliance[:, 2, 2] * along / at.points.speed
+    return arcs
+
+
+def add_line_rows(
+    model: CoupledModel, solved: SolvedStep, turning: Turning, tributary: Tributary, rows: Floats, per_ball: Floats
+) -> None:
+    """Add to the rows (4a, k) of `constraint_tangent`, gaps first, and to those by the balls (4a, 3p)."""
+    for i, element in enumerate(solved.active.elements):
+        if element != 0:
+            _add_gap(model, solved, i, turning, tributary, rows, per_ball)
+            if solved.at.mode[i] % 2 == 1:
+                _add_creep(model, solved, i, turning, tributary, rows, per_ball)
+        elif solved.active.free[i]:
+            _free(solved, i, turning, rows, per_ball)
+
+
+def _add_gap(
+    model: CoupledModel,
+    solved: SolvedStep,
+    i: int,
+    turning: Turning,
+    tributary: Tributary,
+    rows: Floats,
+    per_ball: Floats,
+) -> None:
+    """d(L F) = L dF + (dP G P + P G dP) F / l - L F dl / l,  dP v = -dtau (tau . v) - tau (dtau . v)."""
+    (tau, dtau, _), line, force = turning.axis(i), model.line.compliance_m2_per_n, solved.at.force_n[i]
+    length = tributary.length_m[i]
+    across = np.eye(3) - np.outer(tau, tau)
+    pressed, compliance = line @ across @ force, across @ line @ across / length
+    own = rows[3 * i : 3 * i + 3]
+    own += (-dtau * (tau @ pressed) - np.outer(tau, pressed @ dtau)) / length
+    own += across @ line @ (-dtau * (tau @ force) - np.outer(tau, force @ dtau)) / length
+    own[:, 3 * i : 3 * i + 3] += compliance
+    own -= np.outer(compliance @ force, tributary.change[i] / length)
+    per_ball[3 * i : 3 * i + 3] -= np.outer(compliance @ force, tributary.by_ball[i] / length)
+
+
+def _add_creep(
+    model: CoupledModel,
+    solved: SolvedStep,
+    i: int,
+    turning: Turning,
+    tributary: Tributary,
+    rows: Floats,
+    per_ball: Floats,
+) -> None:
+    """d(s + C F_tau / |c'|) = 0 where it sticks; the row has ds already."""
+    (tau, dtau, size), line, force = turning.axis(i), model.line.compliance_m2_per_n, solved.at.force_n[i]
+    length, row = tributary.length_m[i], 3 * len(solved.active.elements) + i
+    compliance, along = tau @ line @ tau / length, tau @ force
+    rows[row] += (2.0 * along / length * (line @ tau) + compliance * force) @ dtau / size
+    rows[row] -= compliance * along / size**2 * (tau @ turning.change[i])
+    rows[row, 3 * i : 3 * i + 3] += compliance / size * tau
+    rows[row] -= compliance * along / (size * length) * tributary.change[i]
+    per_ball[row] -= compliance * along / (size * length) * tributary.by_ball[i]
+
+
+def _free(solved: SolvedStep, i: int, turning: Turning, rows: Floats, per_ball: Floats) -> None:
+    """Along the shaft d(tau . g) = 0, across it d(P F) = P dF - dtau F_tau - tau (...) = 0."""
+    tau, dtau, _ = turning.axis(i)
+    own, by_ball = rows[3 * i : 3 * i + 3].copy(), per_ball[3 * i : 3 * i + 3].copy()
+    lateral = -dtau * (tau @ solved.at.force_n[i])
+    lateral[:, 3 * i : 3 * i + 3] += np.eye(3) - np.outer(tau, tau)
+    gap = solved.at.points.frames[i].T @ solved.at.points.gap[i]
+    rows[3 * i : 3 * i + 3] = np.outer(tau, tau @ own + gap @ dtau) + LATERAL_M_PER_N * lateral
+    per_ball[3 * i : 3 * i + 3] = np.outer(tau, tau @ by_ball)
