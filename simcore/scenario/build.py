@@ -69,7 +69,8 @@ def line_coupling(
         inward = np.outer(channel.inward, channel.inward)
         compliance = across * (np.eye(3) - inward) + along * inward + mesh_deficit(tissue, channel, entry_m)
     share = tolerances.violation_m / tolerances.force_n
-    return LineCoupling(hard, compliance, scenario.interaction.tip == "free", share)
+    diameter_m = 1e-3 * scenario.needle.outer_diameter_mm
+    return LineCoupling(hard, compliance, scenario.interaction.tip == "free", diameter_m, share)
 
 
 def tissue_model(tissue: Tissue) -> TissueModel:
