@@ -69,7 +69,7 @@ METRICS = (
         "",
     ),
     Metric(
-        "metrics.rmse_mm",
+        "metrics.rmse_commanded_mm",
         "mm",
         "root mean square over all steps of e_i = n_tip(t_i+1) - n_traj(t_i), the tip against the target that the "
         "command of that step was computed for [paper]",
@@ -78,13 +78,13 @@ METRICS = (
         "the controller does not follow the path; an open loop along `demo` has 2.1",
     ),
     Metric(
-        "metrics.rmse_same_index_mm",
+        "metrics.rmse_same_time_mm",
         "mm",
         "root mean square of n_tip(t_i) - n_traj(t_i): the same without the shift, so that it includes the lag of one "
         "step, 0.1 mm at 10 mm/s and 10 ms",
         0,
         1,
-        "as for rmse_mm",
+        "as for rmse_commanded_mm",
     ),
     Metric(
         "metrics.cross_track_rmse_mm",
@@ -95,9 +95,9 @@ METRICS = (
         1,
         "the tip is off the path, not only late on it",
     ),
-    Metric("metrics.p95_error_mm", "mm", "95th percentile of |e_i|", 0, 1, "the error is large for a while"),
+    Metric("metrics.p95_commanded_mm", "mm", "95th percentile of |e_i|", 0, 1, "the error is large for a while"),
     Metric(
-        "metrics.max_error_mm",
+        "metrics.max_commanded_mm",
         "mm",
         "largest |e_i|",
         0,
@@ -105,10 +105,10 @@ METRICS = (
         "above 2 mm the target counts as lost while it lasts",
     ),
     Metric(
-        "metrics.final_error_mm",
+        "metrics.final_same_time_mm",
         "mm",
-        "|n_tip - n_traj| after the last completed step, at the same time; it may exceed max_error_mm, which compares "
-        "with the target one step earlier",
+        "|n_tip - n_traj| after the last completed step, at the same time; it may exceed max_commanded_mm, which "
+        "compares with the target one step earlier",
         0,
         1,
         "the tip ends beside its target",
@@ -130,7 +130,7 @@ METRICS = (
         "the entry is dragged: a small tip error was paid for there; look at min_det_f",
     ),
     Metric(
-        "metrics.max_insertion_force_n",
+        "metrics.max_push_n",
         "N",
         "largest force of the robot on the needle's base along its axis, positive when it pushes",
         0.1,

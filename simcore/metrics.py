@@ -24,15 +24,15 @@ LOST_ERROR_MM = 2.0
 LOST_TIME_S = 0.5
 FORCE_FLOOR_N = 0.01  # below it the ratio of summed to resultant lateral force says nothing
 MEASURED = (
-    "rmse_mm",
-    "rmse_same_index_mm",
+    "rmse_commanded_mm",
+    "rmse_same_time_mm",
     "cross_track_rmse_mm",
-    "p95_error_mm",
-    "max_error_mm",
-    "final_error_mm",
+    "p95_commanded_mm",
+    "max_commanded_mm",
+    "final_same_time_mm",
     "rcm_mean_mm",
     "rcm_max_mm",
-    "max_insertion_force_n",
+    "max_push_n",
     "max_tissue_displacement_mm",
     "min_det_f",
     "lambda_ratio",
@@ -45,14 +45,14 @@ def root_mean_square(values: Floats) -> float:
     return float(np.sqrt(np.mean(np.square(values))))
 
 
-def paper_errors_mm(series: Series) -> Floats:
+def commanded_errors_mm(series: Series) -> Floats:
     """|e_i| (Np,) mm with e_i = n_tip(t_i+1) - n_traj(t_i), i = 0 ... Np - 1 [paper]: each step against the target that
     was used for the command executed in it."""
     errors: Floats = 1e3 * np.linalg.norm(series["tip_m"][1:] - series["target_m"][:-1], axis=1)
     return errors
 
 
-def same_index_errors_mm(series: Series) -> Floats:
+def same_time_errors_mm(series: Series) -> Floats:
     """|n_tip(t_i) - n_traj(t_i)| (Np,) mm, i = 1 ... Np: contains the lag of one step."""
     errors: Floats = 1e3 * np.linalg.norm(series["tip_m"][1:] - series["target_m"][1:], axis=1)
     return errors
@@ -88,7 +88,7 @@ def metrics(
     values: dict[str, Any] = {"stable": stable, "success": False, "steps_completed": done, "steps": steps}
     if done == 0:
         return {**values, **dict.fromkeys(MEASURED)}
-    errors = paper_errors_mm(series)
+    errors = commanded_errors_mm(series)
     if cross_track_m is None:
         cross_track_m = path.distance_m(series["tip_m"][1:])
     rcm = 1e3 * series["rcm_error_m"][1:]
@@ -96,15 +96,15 @@ def metrics(
     values["success"] = bool(stable and reached and longest_loss_s(errors, dt_s) <= LOST_TIME_S)
     return {
         **values,
-        "rmse_mm": root_mean_square(errors),
-        "rmse_same_index_mm": root_mean_square(same_index_errors_mm(series)),
+        "rmse_commanded_mm": root_mean_square(errors),
+        "rmse_same_time_mm": root_mean_square(same_time_errors_mm(series)),
         "cross_track_rmse_mm": root_mean_square(1e3 * cross_track_m),
-        "p95_error_mm": float(np.percentile(errors, 95)),
-        "max_error_mm": float(errors.max()),
-        "final_error_mm": float(same_index_errors_mm(series)[-1]),
+        "p95_commanded_mm": float(np.percentile(errors, 95)),
+        "max_commanded_mm": float(errors.max()),
+        "final_same_time_mm": float(same_time_errors_mm(series)[-1]),
         "rcm_mean_mm": float(rcm.mean()),
         "rcm_max_mm": float(rcm.max()),
-        "max_insertion_force_n": float(series["insertion_force_n"].max()),
+        "max_push_n": float(series["insertion_force_n"].max()),
         "max_tissue_displacement_mm": float(1e3 * series["max_displacement_m"].max()),
         "min_det_f": float(series["min_det_f"].min()),
         "lambda_ratio": lambda_ratio(series),

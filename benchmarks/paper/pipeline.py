@@ -155,7 +155,7 @@ def cases_to_record(outcomes: Sequence[Outcome], *, failed: int) -> list[Outcome
 
 
 def _rmse_mm(outcome: Outcome) -> float:
-    return float(outcome.result["metrics"]["rmse_mm"])
+    return float(outcome.result["metrics"]["rmse_commanded_mm"])
 
 
 def cpu_seconds(outcomes: Iterable[Outcome]) -> float:

@@ -135,7 +135,7 @@ def retry(job_id: str, url: str | None) -> None:
 
 
 def _line(job: JobStatus) -> str:
-    rmse = (job.metrics or {}).get("rmse_mm")
+    rmse = (job.metrics or {}).get("rmse_commanded_mm")
     outcome = f"rmse {rmse:.3f} mm" if isinstance(rmse, float) else (job.error or {}).get("kind", "")
     share = f"{100 * job.progress.fraction:3.0f} %"
     return f"{job.id}  {job.created_at[:19]}  {job.state:<10} {share}  {job.name}  {outcome}".rstrip()

@@ -55,7 +55,7 @@ class Client(CampaignCalls, ModelCalls, UploadCalls):
         with Client("http://127.0.0.1:8321") as client:
             job = client.submit({"tissue": {"young_kpa": 3.0}})
             job = client.wait(job.id, progress=lambda now: print(f"{now.state} {now.progress.fraction:.0%}"))
-            print(job.success, client.metrics(job.id)["metrics"]["rmse_mm"])
+            print(job.success, client.metrics(job.id)["metrics"]["rmse_commanded_mm"])
             client.recording(job.id, Path("softer.rrd"))
     """
 

@@ -61,7 +61,7 @@ def run(scenario: Scenario, observer: Observer | None = None, *, clock: Clock = 
     of the observer pass through: that is how a run is cancelled.
 
     >>> rollout = run(Scenario.load({"tissue": {"element_size_mm": 10}, "trajectory": {"target_mm": [18, 31, 5]}}))
-    >>> print(rollout.status, rollout.series["tip_m"].shape, rollout.metrics["rmse_mm"] < 0.1)
+    >>> print(rollout.status, rollout.series["tip_m"].shape, rollout.metrics["rmse_commanded_mm"] < 0.1)
     completed (51, 3) True
     """
     with threadpool_limits(1):

@@ -32,7 +32,7 @@ def test_submit_wait_and_fetch(server: Server, tmp_path: Path) -> None:
     seen: list[JobStatus] = []
     done = server.client.wait(server.client.submit({"name": "quick"}).id, progress=seen.append)
     assert (done.state, done.success, done.attempt) == ("succeeded", True, 1)
-    assert done.result == {"status": "completed", "metrics": {"success": True, "rmse_mm": 0.5, "bad": None}}
+    assert done.result == {"status": "completed", "metrics": {"success": True, "rmse_commanded_mm": 0.5, "bad": None}}
     assert seen[-1] == done
     with np.load(server.client.series(done.id, tmp_path / "series.npz")) as series:
         assert series["tip_m"].shape == (2, 3)

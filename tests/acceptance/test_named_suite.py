@@ -32,7 +32,7 @@ def test_a_suite_runs_to_its_report_and_into_its_trend(tmp_path: Path) -> None:
         lines = list(csv.DictReader(io.StringIO(http.get(f"{links['results']}?format=csv").text)))
         assert [line["id"] for line in lines] == sorted(case.id for case in cases)
         assert all(line["status"] == "completed" for line in lines if line["arm"] in ("ifem", "open_loop")), lines
-        assert all(float(line["rmse_mm"]) > 0 for line in lines if line["stable"] == "yes")
+        assert all(float(line["rmse_commanded_mm"]) > 0 for line in lines if line["stable"] == "yes")
         report = http.get(links["results"]).json()
         assert {score["arm"] for score in report["scores"]} == {case.labels["arm"] for case in cases}
         assert len(report["claims"]) == 9

@@ -141,7 +141,7 @@ def test_submit_wait_prints_metrics_and_ends_with_the_runs_code(server: Server, 
     done = needlebench("submit", str(file), "--wait", "--url", server.url, data=tmp_path)
     assert done.returncode == 0, done.stderr
     job_id = done.stdout.split()[0]
-    assert "rmse_mm" in done.stdout
+    assert "rmse_commanded_mm" in done.stdout
     assert f"{server.url}/recordings/{job_id}.rrd" in done.stdout
     stopped = {**SHORT, "solver": {"max_iterations": 1}}
     file.write_text(json.dumps(stopped))
@@ -169,7 +169,7 @@ def test_the_demo_ends_with_its_code_and_says_where_the_recording_is(tmp_path: P
     path = re.search(r"needlebench view (\S+\.rrd)", done.stdout)
     assert path is not None
     assert Path(path[1]).read_bytes()[:4] == b"RRF2"
-    assert "rmse_mm" in done.stdout
+    assert "rmse_commanded_mm" in done.stdout
 
 
 def test_the_demo_takes_the_next_port_and_stays_until_ctrl_c(tmp_path: Path) -> None:

@@ -62,7 +62,7 @@ class FakeRollout:
         """In the shape of result.json."""
         return {
             "status": self.status,
-            "metrics": {"stable": True, "success": self.success, "rmse_mm": 0.25, "final_error_mm": None},
+            "metrics": {"stable": True, "success": self.success, "rmse_commanded_mm": 0.25, "final_same_time_mm": None},
             "timing": {"plant_ms": {"median": 4.0, "p95": 6.0, "p99": 7.5, "max": 9.0}, "realtime_factor": 1.7},
             "solver": {"iterations_mean": 3.5},
             "digest": "0123456789abcdef" * 4,

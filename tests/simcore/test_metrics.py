@@ -49,33 +49,33 @@ def offsets(errors_mm: list[float]) -> list[list[float]]:
 
 
 def test_a_tip_on_the_previous_target_has_no_paper_error_but_the_lag() -> None:
-    """n_tip(t_i+1) = n_traj(t_i): the command was followed; the same-index error is one step of 0.1 mm."""
+    """n_tip(t_i+1) = n_traj(t_i): the command was followed; the same-time error is one step of 0.1 mm."""
     found = judged(series(offsets([0.0, 0.0, 0.0, 0.0])))
-    assert found["rmse_mm"] == pytest.approx(0.0, abs=1e-13)
-    assert found["rmse_same_index_mm"] == pytest.approx(0.1)
+    assert found["rmse_commanded_mm"] == pytest.approx(0.0, abs=1e-13)
+    assert found["rmse_same_time_mm"] == pytest.approx(0.1)
     assert found["cross_track_rmse_mm"] == pytest.approx(0.0, abs=1e-7)
-    assert found["final_error_mm"] == pytest.approx(0.1)
+    assert found["final_same_time_mm"] == pytest.approx(0.1)
 
 
 def test_a_tip_on_its_own_target_leads_by_one_step() -> None:
     found = judged(series([[0.0, 0.0, 0.0]] * 3))
-    assert found["rmse_mm"] == pytest.approx(0.1)
-    assert found["rmse_same_index_mm"] == 0.0
+    assert found["rmse_commanded_mm"] == pytest.approx(0.1)
+    assert found["rmse_same_time_mm"] == 0.0
 
 
 def test_the_paper_rmse_is_the_mean_over_all_steps() -> None:
     """e = 3, 4, 0, 0 mm: sqrt(25 / 4) = 2.5; row 0, where nothing was executed, does not count."""
     found = judged(series(offsets([3.0, 4.0, 0.0, 0.0])))
-    assert found["rmse_mm"] == pytest.approx(2.5)
-    assert found["max_error_mm"] == pytest.approx(4.0)
+    assert found["rmse_commanded_mm"] == pytest.approx(2.5)
+    assert found["max_commanded_mm"] == pytest.approx(4.0)
     assert found["cross_track_rmse_mm"] == pytest.approx(2.5)
-    assert found["rmse_same_index_mm"] == pytest.approx(math.sqrt(25 / 4 + 0.01))
+    assert found["rmse_same_time_mm"] == pytest.approx(math.sqrt(25 / 4 + 0.01))
 
 
 def test_all_three_axes_count() -> None:
     found = judged(series([[1.0, 2.0, 2.0 - 0.1]]))
-    assert found["rmse_mm"] == pytest.approx(3.0)
-    assert found["rmse_same_index_mm"] == pytest.approx(math.sqrt(5 + 1.9**2))
+    assert found["rmse_commanded_mm"] == pytest.approx(3.0)
+    assert found["rmse_same_time_mm"] == pytest.approx(math.sqrt(5 + 1.9**2))
     assert found["cross_track_rmse_mm"] == pytest.approx(math.sqrt(5.0))
 
 
@@ -85,26 +85,26 @@ def test_the_target_of_a_command_is_the_clean_one_of_its_row() -> None:
     jump["target_m"] = np.array([[0.0, 0.0, 0.0], [0.0, 0.0, 5e-3], [0.0, 0.0, 7e-3]])
     jump["tip_m"] = np.array([[9.0, 9.0, 9.0], [0.0, 0.0, 3e-3], [0.0, 0.0, 9e-3]])
     found = judged(jump)
-    assert found["rmse_mm"] == pytest.approx(math.sqrt((9 + 16) / 2))
-    assert found["rmse_same_index_mm"] == pytest.approx(math.sqrt((4 + 4) / 2))
-    assert found["final_error_mm"] == pytest.approx(2.0)
+    assert found["rmse_commanded_mm"] == pytest.approx(math.sqrt((9 + 16) / 2))
+    assert found["rmse_same_time_mm"] == pytest.approx(math.sqrt((4 + 4) / 2))
+    assert found["final_same_time_mm"] == pytest.approx(2.0)
 
 
 def test_the_final_error_is_that_at_the_last_target() -> None:
     found = judged(series([[9.0, 0.0, 0.0], [0.0, 9.0, 0.0], [0.3, 0.4, 0.0]]))
-    assert found["final_error_mm"] == pytest.approx(0.5)
+    assert found["final_same_time_mm"] == pytest.approx(0.5)
 
 
 def test_the_95th_percentile() -> None:
     """0, 1, ..., 20 mm: 95 % lies at rank 19 exactly; of 0 to 9 at rank 8.55, interpolated."""
-    assert judged(series(offsets([float(e) for e in range(21)])))["p95_error_mm"] == pytest.approx(19.0)
-    assert judged(series(offsets([float(e) for e in range(10)])))["p95_error_mm"] == pytest.approx(8.55)
+    assert judged(series(offsets([float(e) for e in range(21)])))["p95_commanded_mm"] == pytest.approx(19.0)
+    assert judged(series(offsets([float(e) for e in range(10)])))["p95_commanded_mm"] == pytest.approx(8.55)
 
 
 def test_the_cross_track_error_forgets_where_along_the_path() -> None:
     found = judged(series([[0.6, 0.8, 30.0], [0.6, 0.8, 60.0]]))
     assert found["cross_track_rmse_mm"] == pytest.approx(1.0)
-    assert found["rmse_mm"] > 30.0
+    assert found["rmse_commanded_mm"] > 30.0
 
 
 def test_remote_centre_force_displacement_and_det() -> None:
@@ -118,7 +118,7 @@ def test_remote_centre_force_displacement_and_det() -> None:
     found = judged(series([[0.0, 0.0, 0.0]] * 2, **columns))
     assert found["rcm_mean_mm"] == pytest.approx(2.0)  # row 0 is before the first step
     assert found["rcm_max_mm"] == pytest.approx(3.0)
-    assert found["max_insertion_force_n"] == pytest.approx(0.7)
+    assert found["max_push_n"] == pytest.approx(0.7)
     assert found["max_tissue_displacement_mm"] == pytest.approx(4.0)
     assert found["min_det_f"] == pytest.approx(0.8)
     assert found["limited_fraction"] == pytest.approx(0.5)
@@ -144,7 +144,7 @@ def test_a_failed_run_is_neither(status: Status) -> None:
     found = judged(series(offsets([0.1] * 10)), status, steps=20)
     assert (found["stable"], found["success"]) == (False, False)
     assert (found["steps_completed"], found["steps"]) == (10, 20)
-    assert found["rmse_mm"] == pytest.approx(0.1)  # of what was done
+    assert found["rmse_commanded_mm"] == pytest.approx(0.1)  # of what was done
 
 
 def test_a_run_that_did_not_reach_the_end_is_no_success() -> None:

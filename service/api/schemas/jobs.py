@@ -52,7 +52,7 @@ class JobRequest(BaseModel):
 class Progress(BaseModel):
     """How far a running job is. eta_s is null before the first step and while it does not run.
 
-    tip_error_mm: of the tip from the target that its step was commanded for, as in rmse_mm.
+    tip_error_mm: of the tip from the target that its step was commanded for, as in rmse_commanded_mm.
     cross_track_mm: of the tip from the path; null where the tissue carries the path. insertion_force_n: along the
     needle's base, positive pushes.
     """

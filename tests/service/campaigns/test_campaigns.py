@@ -42,11 +42,16 @@ def start(http: TestClient, body: dict[str, Any] | None = None) -> dict[str, Any
     return found
 
 
-def run_all(service: Service, *, rmse_mm: float = 0.1, digest: str = "d", state: str = SUCCEEDED) -> int:
+def run_all(service: Service, *, rmse_commanded_mm: float = 0.1, digest: str = "d", state: str = SUCCEEDED) -> int:
     """End every queued job; how many there were."""
     count = 0
     while (job := service.store.claim()) is not None:
-        metrics = {"stable": True, "success": True, "rmse_mm": rmse_mm + 1e-3 * count, "max_error_mm": 0.4}
+        metrics = {
+            "stable": True,
+            "success": True,
+            "rmse_commanded_mm": rmse_commanded_mm + 1e-3 * count,
+            "max_commanded_mm": 0.4,
+        }
         timing = {"plant": {"median_ms": 2.0}, "jacobian": {"median_ms": 0.2}, "command": {"median_ms": 0.1}}
         origin = {"scenario": (job.spec or {})["scenario"], "commit": "abc", "cpu": "cpu", "cpu_count": 2}
         result = {"status": "completed", "metrics": metrics, "timing": timing, "digest": digest, "provenance": origin}
@@ -209,7 +214,7 @@ def test_only_what_has_ended_can_be_deleted(both: tuple[TestClient, Service]) ->
 
 def test_two_campaigns_and_two_controllers_are_compared(both: tuple[TestClient, Service]) -> None:
     http, _ = both
-    one, other = ended(both, rmse_mm=0.1), ended(both, rmse_mm=0.3, digest="e")
+    one, other = ended(both, rmse_commanded_mm=0.1), ended(both, rmse_commanded_mm=0.3, digest="e")
     found = http.post("/api/v1/comparisons", json={"campaigns": [one["id"], other["id"]]}).json()
     assert (found["shared_cases"], found["same_digests"]) == (4, 0)
     assert [round(c["difference_mm"], 6) for c in found["comparisons"]] == [-0.2, -0.2]

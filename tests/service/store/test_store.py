@@ -58,7 +58,7 @@ def claim(store: Store) -> Job:
     return job
 
 
-RESULT = Outcome(state="succeeded", result={"status": "completed", "metrics": {"rmse_mm": 0.5}})
+RESULT = Outcome(state="succeeded", result={"status": "completed", "metrics": {"rmse_commanded_mm": 0.5}})
 
 
 def kinds(store: Store, job: Job) -> list[str]:
@@ -71,7 +71,7 @@ def test_the_life_of_a_job(store: Store, heard: list[str]) -> None:
     store.beat(running, {"step": 5, "steps": 10, "fraction": 0.5})
     file = Artefact(kind="result", name="result.json", path="jobs/a/1/result.json", sha256="ab", bytes=3)
     done = store.finish(running, Outcome(state="succeeded", result=RESULT.result, artefacts=(file,)))
-    assert (done.state, done.attempt, done.metrics) == ("succeeded", 1, {"rmse_mm": 0.5})
+    assert (done.state, done.attempt, done.metrics) == ("succeeded", 1, {"rmse_commanded_mm": 0.5})
     assert store.artefacts(job.id) == [file]
     assert kinds(store, job) == ["queued", "started", "succeeded"]
     assert heard == [job.id] * 4
@@ -189,7 +189,7 @@ def test_a_result_with_nan_is_refused_and_the_job_stays(store: Store) -> None:
     submit(store)
     running = claim(store)
     with pytest.raises(Exception, match="JSON compliant"):
-        store.finish(running, Outcome(state="succeeded", result={"metrics": {"rmse_mm": float("nan")}}))
+        store.finish(running, Outcome(state="succeeded", result={"metrics": {"rmse_commanded_mm": float("nan")}}))
     assert store.get(running.id).state == "running"
 
 
@@ -344,7 +344,7 @@ def test_an_exchange_ends_one_job_and_takes_the_next_and_tells_nobody_before_it_
     done, taken = store.exchange(running, RESULT)
     assert taken is not None
     assert not heard
-    assert (done.state, done.result, done.metrics) == ("succeeded", RESULT.result, {"rmse_mm": 0.5})
+    assert (done.state, done.result, done.metrics) == ("succeeded", RESULT.result, {"rmse_commanded_mm": 0.5})
     assert (taken.id, taken.state, taken.attempt) == (second.id, "running", 1)
     assert (store.get(first.id), store.get(second.id)) == (done, taken)
     assert [(event.job_id, event.kind) for event in store.events()][-2:] == [

@@ -85,7 +85,7 @@ def test_rmse_over_gain(gain: float) -> None:
     control(
         f"tip RMSE on a 1 mm sine, gain {gain:g}",
         expected=abs(1.0 - gain) / gain * PATH_STEP_MM,
-        measured=rollout(controller={"gain": gain}).metrics["rmse_mm"],
+        measured=rollout(controller={"gain": gain}).metrics["rmse_commanded_mm"],
         tolerance=0.008,
         source="lag of a proportional loop behind a ramp, |1 - k| d / k (Franklin, Powell and Emami-Naeini)",
         unit="mm",
@@ -105,7 +105,8 @@ def test_errors_over_damping() -> None:
     errors rise with d, and the default (0.05) costs less than 0.01 mm."""
     dampings = [0.001, 0.05, 0.1, 0.2, 0.4]
     rmse, rcm = (
-        measures(name, dampings, lambda d: {"controller": {"damping": d}}) for name in ("rmse_mm", "rcm_mean_mm")
+        measures(name, dampings, lambda d: {"controller": {"damping": d}})
+        for name in ("rmse_commanded_mm", "rcm_mean_mm")
     )
     assert (np.diff(rmse) > 0.0).all()
     assert (np.diff(rcm) > 0.0).all()
@@ -117,7 +118,7 @@ def test_errors_over_damping() -> None:
     control(text, expected=2, measured=found, tolerance=0.25, source=source)
 
 
-@pytest.mark.parametrize("name", ["rmse_mm", "rcm_mean_mm"])
+@pytest.mark.parametrize("name", ["rmse_commanded_mm", "rcm_mean_mm"])
 def test_errors_over_time_step(name: str) -> None:
     """One correction a step: a curved path leaves an error in proportion to the step."""
     steps_s = [0.04, 0.02, 0.01, 0.005]
@@ -250,8 +251,8 @@ def test_recovery_from_a_jump_of_the_target(name: str) -> None:
 
 def test_steering_is_far_better_than_open_loop_on_a_curved_path() -> None:
     """An open-loop needle on a sine of 1 mm has about 0.71 mm RMSE (spec of the experiments): the overlay itself."""
-    blind = rollout(controller={"kind": "open_loop"}).metrics["rmse_mm"]
-    steered = rollout().metrics["rmse_mm"]
+    blind = rollout(controller={"kind": "open_loop"}).metrics["rmse_commanded_mm"]
+    steered = rollout().metrics["rmse_commanded_mm"]
     source = "root mean square of a sine of amplitude 1 mm, spec of the experiments"
     text, expected = "open loop on a 1 mm sine: RMSE", math.sqrt(0.5)
     control(text, expected=expected, measured=blind, tolerance=0.03, source=source, unit="mm")
@@ -269,6 +270,6 @@ def test_without_the_remote_centre_the_shaft_leaves_the_entry() -> None:
         tolerance=0.01,
         source="objective switched off, spec of the controllers",
     )
-    assert free.metrics["rmse_mm"] < 0.02
+    assert free.metrics["rmse_commanded_mm"] < 0.02
     assert free.metrics["rcm_mean_mm"] > 1.0
     assert free.metrics["max_tissue_displacement_mm"] > 2 * guided.metrics["max_tissue_displacement_mm"]

@@ -306,7 +306,7 @@ def test_a_run_whose_first_step_fails_has_one_row() -> None:
     assert found.status is not Status.COMPLETED
     assert len(found.series["t_s"]) == len(found.series["tissue_m"]) == 1
     result = json.loads(json.dumps(found.result(), allow_nan=False))
-    assert result["metrics"]["rmse_mm"] is None
+    assert result["metrics"]["rmse_commanded_mm"] is None
     assert result["timing"]["plant"]["median_ms"] is None
     assert result["solver"]["iterations_max"] == 0
 
@@ -340,7 +340,7 @@ def test_the_result_has_every_key_and_is_strict_json(plain: Rollout, tmp_path: P
 
 def test_metrics_are_those_of_the_series(plain: Rollout) -> None:
     errors = np.linalg.norm(plain.series["tip_m"][1:] - plain.series["target_m"][:-1], axis=1) * 1e3
-    assert plain.metrics["rmse_mm"] == pytest.approx(math.sqrt((errors**2).mean()))
+    assert plain.metrics["rmse_commanded_mm"] == pytest.approx(math.sqrt((errors**2).mean()))
     assert plain.metrics["limited_fraction"] == pytest.approx(plain.series["limited"][1:].mean())
 
 
