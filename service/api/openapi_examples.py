@@ -97,7 +97,7 @@ EXAMPLES: dict[str, dict[str, Any]] = {
         "cancelling": False,
         "request": {"suite": "lin100-v1-quick"},
         "cases": 140,
-        "jobs": {"succeeded": 70, "running": 2, "queued": 68},
+        "jobs": {"finished": 70, "running": 2, "queued": 68},
         "fraction": 0.5,
         "eta_s": 180.0,
         "priority": -10,

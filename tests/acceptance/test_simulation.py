@@ -56,7 +56,7 @@ def needlebench(*words: str, data: Path, **variables: str) -> subprocess.Complet
 
 def test_a_job_gives_bit_for_bit_what_a_run_in_this_process_gives(server: Server, tmp_path: Path) -> None:
     done = server.client.wait(server.client.submit(SHORT).id)
-    assert done.state == "succeeded", done.error
+    assert done.state == "finished", done.error
     assert done.result is not None
     rollout = run(Scenario.load(SHORT))
     assert done.result["digest"] == rollout.digest
@@ -149,7 +149,7 @@ def test_submit_wait_prints_metrics_and_ends_with_the_runs_code(server: Server, 
     listed = needlebench("jobs", "--url", server.url, data=tmp_path)
     assert job_id in listed.stdout
     shown = needlebench("show", job_id, "--url", server.url, data=tmp_path)
-    assert json.loads(shown.stdout)["state"] == "succeeded"
+    assert json.loads(shown.stdout)["state"] == "finished"
 
 
 def test_bad_input_and_no_service_have_their_codes(server: Server, tmp_path: Path) -> None:

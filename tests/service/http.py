@@ -43,7 +43,7 @@ def finish_training(service: Service) -> Job:
     result = train_job({**(job.spec or {}), "job_id": job.id, "files": str(service.settings.uploads)}, folder)
     service.uploads.keep_made(folder / MODEL, job, result["model"])
     found = tuple(Artefact(**file, path=f"{job.folder}/{file['name']}") for file in describe(folder))
-    return service.store.finish(job, Outcome(state="succeeded", result=result, artefacts=found))
+    return service.store.finish(job, Outcome(state="finished", result=result, artefacts=found))
 
 
 def finish(service: Service, *, files: bool = True) -> Job:
@@ -64,4 +64,4 @@ def finish(service: Service, *, files: bool = True) -> Job:
         "timing": {},
         "digest": "ab",
     }
-    return service.store.finish(job, Outcome(state="succeeded", result=result, artefacts=found))
+    return service.store.finish(job, Outcome(state="finished", result=result, artefacts=found))

@@ -20,7 +20,7 @@ from service.api.problems import HttpError
 from service.api.schemas.jobs import ArtefactList, ArtefactView, MetricsView
 from service.files import series_formats as series
 from service.logs import LOG
-from service.store.job import INSERTION, SUCCEEDED, Artefact, Job
+from service.store.job import FINISHED, INSERTION, Artefact, Job
 from simcore.errors import Problem
 
 router = APIRouter()
@@ -204,7 +204,7 @@ def _live(service: Service, request: Request, job: Job) -> AsyncIterator[bytes]:
 
 def _finished(job: Job) -> Job:
     """The job, if it has a result."""
-    if job.state == SUCCEEDED:
+    if job.state == FINISHED:
         return job
     if job.terminal:
         raise HttpError(404, f"job {job.id} is {job.state}: it has no result")

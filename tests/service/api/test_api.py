@@ -129,7 +129,7 @@ def test_an_unchanged_job_is_304(both: tuple[TestClient, Service]) -> None:
     assert http.get(url, headers={"If-None-Match": tag}).status_code == 304
     finish(service)
     changed = http.get(url, headers={"If-None-Match": tag}, params={"wait": 30})
-    assert (changed.status_code, changed.json()["state"]) == (200, "succeeded")
+    assert (changed.status_code, changed.json()["state"]) == (200, "finished")
     assert changed.headers["etag"] != tag
 
 
