@@ -114,6 +114,9 @@ class Scenario(Block):
     noise_mm: Number = bounded(
         0.0, 0.0, 5.0, "uniform noise of the target per axis, redrawn every 10 ms [paper: 0.25 in training]"
     )
+    success_mm: Number = bounded(
+        2.0, 0.01, 50.0, "success needs the tip this near to the end of the path after the last step [ours]"
+    )
     tissue: Tissue = Field(default=Tissue(), description="the soft block")
     needle: Needle = Field(default=Needle(), description="the flexible tube that the robot holds")
     interaction: Interaction = Field(default=Interaction(), description="forces between needle and tissue")

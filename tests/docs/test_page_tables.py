@@ -9,7 +9,8 @@ import statistics
 
 import pytest
 
-from simcore.metric_definitions import METRICS, SERIES, STATUSES
+from simcore.errors import STATUSES
+from simcore.metric_definitions import METRICS, SERIES
 from simcore.scenario.parameters import parameters
 from tests.docs.sources import DOCS, ROOT, program
 

@@ -9,8 +9,8 @@ from typing import TYPE_CHECKING, Any
 
 import pytest
 
-from simcore.errors import Status
-from simcore.metric_definitions import METRICS, SERIES, STATUSES, UNIT_OF_SUFFIX, UNITS
+from simcore.errors import STATUSES, Status
+from simcore.metric_definitions import METRICS, SERIES, UNIT_OF_SUFFIX, UNITS
 from simcore.rollout.rollout import run
 from tests.simcore.short_run import LINE, replay, short
 

@@ -29,6 +29,10 @@ def series(offsets_mm: list[list[float]], **columns: Any) -> Series:
         "target_m": target,
         "rcm_error_m": np.zeros(rows),
         "insertion_force_n": np.zeros(rows),
+        "base_force_n": np.zeros((rows, 3)),
+        "entry_drag_m": np.zeros(rows),
+        "max_strain": np.zeros(rows),
+        "needle_stress_pa": np.zeros(rows),
         "max_displacement_m": np.zeros(rows),
         "min_det_f": np.ones(rows),
         "lateral_sum_n": np.zeros(rows),
@@ -38,9 +42,12 @@ def series(offsets_mm: list[list[float]], **columns: Any) -> Series:
     return {**base, **{name: np.array(values) for name, values in columns.items()}}
 
 
-def judged(found: Series, status: Status = Status.COMPLETED, *, dt_s: float = 0.01, steps: int = -1) -> dict[str, Any]:
+def judged(
+    found: Series, status: Status = Status.COMPLETED, *, dt_s: float = 0.01, steps: int = -1, success_mm: float = 2.0
+) -> dict[str, Any]:
     done = len(found["t_s"]) - 1
-    return metrics(status, found, PATH, dt_s=dt_s, steps=done if steps < 0 else steps)
+    steps = done if steps < 0 else steps
+    return metrics(status, found, PATH, dt_s=dt_s, steps=steps, success_mm=success_mm, yield_mpa=1030.0)
 
 
 def offsets(errors_mm: list[float]) -> list[list[float]]:
@@ -183,6 +190,39 @@ def test_only_an_unbroken_loss_counts() -> None:
 
 def test_a_loss_at_the_end_counts() -> None:
     assert judged(series(offsets([0.0] * 10 + [2.5] * 51)))["success"] is False
+
+
+@pytest.mark.parametrize(("end_mm", "allowed_mm", "success"), [(1.9, 2.0, True), (2.1, 2.0, False), (0.3, 0.25, False)])
+def test_success_needs_the_end_of_the_path(end_mm: float, allowed_mm: float, success: bool) -> None:
+    """At the same time: a command that was followed may still have left the end far away, as at 1000 mm/s."""
+    found = series([[0.0, 0.0, 0.0]] * 10 + [[end_mm, 0.0, 0.0]])
+    assert judged(found, success_mm=allowed_mm)["success"] is success
+    leap = series(offsets([0.0, 0.0]))
+    leap["target_m"][-1] = [0.0, 0.0, 0.06]
+    assert judged(leap)["rmse_commanded_mm"] == pytest.approx(0.0, abs=1e-12)
+    assert judged(leap)["success"] is False
+
+
+@pytest.mark.parametrize(("stress_pa", "success"), [(1029e6, True), (1030e6, False)])
+def test_a_needle_that_would_yield_is_no_success(stress_pa: float, success: bool) -> None:
+    found = judged(series(offsets([0.1] * 3), needle_stress_pa=[0.0, stress_pa, 0.0, 0.0]))
+    assert (found["stable"], found["success"]) == (True, success)
+    assert found["max_needle_stress_mpa"] == pytest.approx(1e-6 * stress_pa)
+
+
+def test_both_families_of_errors_and_the_forces_beside_them() -> None:
+    columns = {
+        "base_force_n": [[9.0, 9.0, 9.0], [0.3, 0.4, 2.0], [0.0, 0.1, -1.0]],
+        "insertion_force_n": [9.0, 2.0, -1.0],
+        "entry_drag_m": [0.0, 3e-3, 1e-3],
+        "max_strain": [0.0, 0.1, 0.2],
+    }
+    found = judged(series([[0.0, 0.0, 0.0], [3.0, 4.0, 0.0]], **columns))
+    assert found["max_lateral_n"] == pytest.approx(0.5)  # row 0 is before the first step
+    assert found["entry_drag_mm"] == pytest.approx(3.0)
+    assert found["max_strain"] == 0.2
+    assert found["max_same_time_mm"] == found["final_same_time_mm"] == pytest.approx(5.0)
+    assert found["final_commanded_mm"] == found["max_commanded_mm"] == pytest.approx(math.hypot(5.0, 0.1))
 
 
 # ---- the ratio of lateral forces

@@ -179,9 +179,10 @@ def speeds(series: dict[str, Vector], dt_s: float) -> tuple[Vector, Vector]:
 
 @pytest.mark.parametrize(("speed", "turn"), [(10.5, 3600.0), (1000.0, 3.0), (12.0, 3.0)])
 def test_speed_limits_hold_at_every_step(speed: float, turn: float) -> None:
-    """Tight limits, noisy target: no step above a limit, and every limited step uses one of them fully."""
+    """Tight limits, noisy target: no step above a limit, and every limited step uses one of them fully. The tip may
+    fall far behind."""
     robot = {"max_speed_mm_s": speed, "max_turn_deg_s": turn}
-    series = rollout(noise_mm=0.25, seed=5, robot=robot).series
+    series = rollout(noise_mm=0.25, seed=5, robot=robot, success_mm=50.0).series
     limited = series["limited"][1:]
     share = np.divide(speeds(series, 0.01), [[speed], [turn]]).max(axis=0)
     assert limited.mean() > 0.5

@@ -366,6 +366,9 @@ def test_the_loop_has_one_thread(monkeypatch: pytest.MonkeyPatch) -> None:
 # ---- any small scenario
 
 
+ENDED = (Status.TARGET_LOST, Status.BUCKLED, Status.AUTHORITY_LOST, Status.SHAFT_BESIDE)  # by a step that converged
+
+
 @settings(max_examples=examples(50), deadline=None, suppress_health_check=list(HealthCheck))
 @given(small_runs())
 def test_any_small_run_ends_by_name_with_finite_rows_and_a_stable_digest(data: dict[str, Any]) -> None:
@@ -375,7 +378,9 @@ def test_any_small_run_ends_by_name_with_finite_rows_and_a_stable_digest(data: d
     assert found.status in Status
     assert (found.message == "") == (found.status is Status.COMPLETED)
     done = len(found.series["t_s"]) - 1
-    assert done == scenario.steps if found.status is Status.COMPLETED else done < scenario.steps
+    assert (
+        done == scenario.steps if found.status is Status.COMPLETED else done < scenario.steps + (found.status in ENDED)
+    )
     for name, array in found.series.items():
         assert np.isfinite(array).all() or name in AUTHORITY, name
     assert found.series["min_det_f"].min() > 0.1

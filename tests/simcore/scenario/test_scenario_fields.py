@@ -146,6 +146,7 @@ def test_defaults_are_those_of_version_1() -> None:
         "seed": 0,
         "dt_s": 0.01,
         "noise_mm": 0.0,
+        "success_mm": 2.0,
         "tissue": {
             "size_mm": [36.0, 62.0, 122.0],
             "element_size_mm": 6.0,
@@ -167,6 +168,7 @@ def test_defaults_are_those_of_version_1() -> None:
             "young_gpa": 200.0,
             "poisson": 0.29,
             "elements": 20,
+            "yield_mpa": 1030.0,
         },
         "interaction": {
             "spacing_mm": 6.0,
