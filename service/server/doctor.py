@@ -140,14 +140,19 @@ def _lock(settings: Settings) -> Check:
 
 def _database(settings: Settings) -> Check:
     from service.store.database import revision_of, revisions
+    from service.store.integrity import DamagedDatabaseError, check_whole
     from service.store.schema import REVISION
 
     if not settings.database.exists():
         return Check(name="database", level="ok", found="will be made")
     try:
+        check_whole(settings.database)
         present = revision_of(settings.database)
+    except DamagedDatabaseError as error:
+        found, _, advice = str(error).partition(". ")
+        return Check(name="database", level="bad", found=found, advice=advice)
     except sqlite3.Error as error:
-        advice = "restore a copy from the folder backups beside it"
+        advice = "needlebench restore BACKUP puts one of the folder backups beside it in its place"
         return Check(name="database", level="bad", found=f"{settings.database}: {error}", advice=advice)
     if present is not None and present not in revisions():
         advice = "it was written by another version of needlebench: use that version, or choose another folder"
