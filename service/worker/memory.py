@@ -19,6 +19,17 @@ def resident_mb(pid: int) -> float | None:
     return pages * os.sysconf("SC_PAGE_SIZE") / 1e6
 
 
+def available_mb() -> float | None:
+    """Memory of this machine that can still be taken, MB; None where the system does not say."""
+    try:
+        for line in Path("/proc/meminfo").read_text().splitlines():
+            if line.startswith("MemAvailable:"):
+                return int(line.split()[1]) * 1024 / 1e6
+    except (OSError, ValueError, IndexError):
+        pass
+    return None
+
+
 def group_mb(pid: int, others: Iterable[int]) -> float | None:
     """Memory of a process and of others that came from it, MB; what they share is counted once.
 
