@@ -39,6 +39,7 @@ def examine(settings: Settings) -> list[Check]:
         lambda: _database(settings),
         lambda: _port(settings),
         _viewer,
+        _pictures,
         lambda: _web_viewer(settings),
         _display,
     ]
@@ -188,6 +189,19 @@ def _viewer() -> Check:
         return Check(name="viewer", level="ok", found=program())
     except ViewerError as error:
         return Check(name="viewer", level="bad", found="missing", advice=str(error))
+
+
+def _pictures() -> Check:
+    """Whether a viewer without a window can draw here, tried for real; recordings need it for nothing else."""
+    from service.recording.screenshot import NEEDS_DRIVER, try_viewer
+    from service.recording.viewer import ViewerError
+
+    try:
+        try_viewer()
+    except ViewerError as error:
+        advice = f"only for view --screenshot. {NEEDS_DRIVER}"
+        return Check(name="pictures", level="warn", found=str(error).partition(". ")[0], advice=advice)
+    return Check(name="pictures", level="ok", found="the viewer draws without a window")
 
 
 def _web_viewer(settings: Settings) -> Check:
