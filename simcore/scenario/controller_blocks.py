@@ -158,14 +158,22 @@ class OpenLoop(Block):
 
 
 class Replay(Block):
-    """Prescribed base poses, one a step, not filtered by the robot limits."""
+    """Prescribed base poses, one a step, not filtered by the robot limits: inline, or from a file for a long log."""
 
     kind: Literal["replay"] = Field(default="replay", description=KINDS)
-    poses: tuple[tuple[Number, Number, Number, Number, Number, Number, Number], ...] = Field(
+    poses: tuple[tuple[Number, Number, Number, Number, Number, Number, Number], ...] | None = Field(
+        default=None,
         min_length=1,
         max_length=MAXIMUM_STEPS,
         description="1 to 1000000 poses [x_mm, y_mm, z_mm, qw, qx, qy, qz] of the base: positions within +-10000, unit "
-        "quaternions; identity = needle along +z, tip at base + length z",
+        "quaternions; identity = needle along +z, tip at base + length z; null = those of poses_file [ours]",
+    )
+    poses_file: Annotated[str, StringConstraints(min_length=1, max_length=1000)] | None = Field(
+        default=None,
+        description="1 to 1000000 such poses: the 7 columns of a .npy array or of a .csv file; null = poses [ours]",
+    )
+    poses_sha256: Sha256 | None = Field(
+        default=None, description="SHA-256 of poses_file, 64 hexadecimal digits; null = that of the file now [ours]"
     )
     delay_s: Number = DELAY
 

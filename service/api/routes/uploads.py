@@ -1,11 +1,11 @@
-"""Routes of uploaded files: meshes, models and data sets, which scenarios and trainings refer to by id."""
+"""Routes of uploaded files: meshes, models, data sets, poses, which scenarios and trainings refer to by id."""
 
 from __future__ import annotations
 
 import hashlib
 import os
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any
 
 from fastapi import APIRouter, Query, Request, Response, status
 from starlette.concurrency import run_in_threadpool
@@ -17,7 +17,7 @@ from service.api.context import Service, ServiceOf
 from service.api.openapi import documented
 from service.api.parameters import UploadId
 from service.api.problems import HttpError
-from service.api.schemas.uploads import UploadList, UploadView
+from service.api.schemas.uploads import UploadKind, UploadList, UploadView
 from service.files.upload_names import NAME, NAMES, SUFFIXES
 from simcore.errors import Problem
 
@@ -25,7 +25,7 @@ router = APIRouter(prefix="/api/v1/uploads", tags=["uploads"])
 
 _BINARY = {"schema": {"type": "string", "format": "binary"}}
 _PLAIN = "application/octet-stream"
-_MEDIA_TYPES = {".npz": ("application/x-npz", "application/zip"), ".json": ("application/json",)}
+_MEDIA_TYPES = {".npz": ("application/x-npz", "application/zip"), ".json": ("application/json",), ".npy": ()}
 _MESH_TYPES = ("model/mesh",)
 _WRITTEN_AT_ONCE = 2**20
 _LOCATION = {"Location": {"description": "Address of the upload.", "schema": {"type": "string"}}}
@@ -34,7 +34,7 @@ _LOCATION = {"Location": {"description": "Address of the upload.", "schema": {"t
 @router.post(
     "",
     operation_id="create_upload",
-    summary="Upload a mesh, a model or a data set",
+    summary="Upload a mesh, a model, a data set or poses",
     status_code=status.HTTP_201_CREATED,
     response_model=UploadView,
     responses={
@@ -48,12 +48,12 @@ async def create_upload(
     service: ServiceOf,
     request: Request,
     response: Response,
-    kind: Annotated[Literal["mesh", "model", "dataset"], Query(description="What it is.")],
+    kind: Annotated[UploadKind, Query(description="What it is.")],
     name: Annotated[str, Query(description="Its name, with its suffix.", pattern=f"^{NAME}$")],
 ) -> UploadView:
     """The body is the file itself. It is checked before it is stored; the same content has the same id. Scenarios
-    refer to it as `artefact:<id>` in `tissue.mesh_file` or `controller.model`, a training in `data`. A model is JSON
-    and a data set plain arrays: files that hold pickles are refused."""
+    refer to it as `artefact:<id>` in `tissue.mesh_file`, `controller.model` or `controller.poses_file`, a training in
+    `data`. A model is JSON, data set and poses are plain arrays: files that hold pickles are refused."""
     service.refuse_when_closing()
     suffix = _suffix(kind, name, request.headers.get("content-type", ""))
     draft = await run_in_threadpool(service.uploads.draft, suffix)
@@ -129,9 +129,9 @@ def _content(service: Service, draft: Path, kind: str, name: str, sha256: str) -
 def list_uploads(
     service: ServiceOf,
     limit: Annotated[int, Query(ge=1, le=1000, description="Most items of the list.")] = 100,
-    kind: Annotated[Literal["mesh", "model", "dataset"] | None, Query(description="Only of this kind.")] = None,
+    kind: Annotated[UploadKind | None, Query(description="Only of this kind.")] = None,
 ) -> UploadList:
-    """Meshes and models that scenarios may use, and data sets to train models on."""
+    """Meshes, models and poses that scenarios may use, and data sets to train models on."""
     return UploadList(items=[UploadView.of(item) for item in service.uploads.newest(limit=limit, kind=kind)])
 
 
