@@ -18,6 +18,7 @@ from service.api.openapi import documented
 from service.api.parameters import UploadId
 from service.api.problems import HttpError
 from service.api.schemas.uploads import UploadKind, UploadList, UploadView
+from service.api.served_file import served_file
 from service.files.upload_names import NAME, NAMES, SUFFIXES
 from simcore.errors import Problem
 
@@ -102,7 +103,7 @@ async def _receive(request: Request, draft: Path) -> str:
                     await run_in_threadpool(write, bytes(waiting))
                     waiting.clear()
         except ClientDisconnect:
-            raise HttpError(400, "the body ended early") from None
+            raise HttpError(400, "the body ended early", code="body-incomplete") from None
 
         def end() -> None:
             write(bytes(waiting))
@@ -122,7 +123,8 @@ def _content(service: Service, draft: Path, kind: str, name: str, sha256: str) -
         return inspect(draft, kind)
     except UnusableUploadError as problem:
         message = f"cannot be used as a {NAMES[kind]}: {problem}"
-        raise HttpError(422, f"{name} {message}", errors=[Problem("body", name, message)]) from None
+        errors = [Problem("body", name, message)]
+        raise HttpError(422, f"{name} {message}", errors=errors, code="upload-unusable") from None
 
 
 @router.get("", operation_id="list_uploads", summary="Uploaded files, newest first", responses=documented())
@@ -146,16 +148,13 @@ def get_upload(upload_id: UploadId, service: ServiceOf) -> UploadView:
     operation_id="get_upload_content",
     summary="The content of an uploaded file",
     response_class=FileResponse,
-    responses={200: {"content": {_PLAIN: _BINARY}}, **documented(400, 404, 416)},
+    responses={200: {"content": {_PLAIN: _BINARY}}, **documented(400, 404, 410, 416)},
 )
-def get_upload_content(upload_id: UploadId, service: ServiceOf) -> Response:
+def get_upload_content(upload_id: UploadId, service: ServiceOf, request: Request) -> Response:
     """Byte for byte as it was uploaded."""
     upload = service.uploads.get(upload_id)
     path = service.uploads.path(upload)
-    if not path.is_file():
-        raise HttpError(404, f"{upload.id} is no longer in the data folder")
-    headers = {"ETag": f'"{upload.sha256}"', "Cache-Control": "no-cache"}
-    return FileResponse(path, media_type=_PLAIN, filename=upload.name, headers=headers)
+    return served_file(request, path, sha256=upload.sha256, size=upload.bytes, media_type=_PLAIN, filename=upload.name)
 
 
 @router.post("/{upload_id}/pin", operation_id="pin_upload", summary="Pin an uploaded file", responses=documented(404))
