@@ -48,7 +48,7 @@ from simcore.scenario.controller_blocks import (
     SharedModel,
     SmallNetwork,
 )
-from simcore.scenario.controller_rules import CONDITIONS, training_warnings, with_model_digest
+from simcore.scenario.controller_rules import CONDITIONS, training_warnings, with_file_digest
 from simcore.scenario.rules import (
     delay_steps,
     problems_between,
@@ -144,7 +144,7 @@ class Scenario(Block):
         settle(self, "tissue", with_mesh(self.tissue))
         settle(self, "interaction", with_spacing(self.interaction, self.tissue))
         controller = with_model_spacing(self.controller, self.interaction, self.tissue)
-        settle(self, "controller", with_model_digest(controller))
+        settle(self, "controller", with_file_digest(controller))
         problems = problems_between(
             tissue=self.tissue,
             needle=self.needle,
