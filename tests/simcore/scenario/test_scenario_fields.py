@@ -199,7 +199,12 @@ def test_defaults_are_those_of_version_1() -> None:
             "delay_s": 0.0,
         },
         "motion": {"kind": "none"},
-        "solver": {"force_tolerance_n": 1e-5, "violation_tolerance_mm": 1e-5, "max_iterations": 60},
+        "solver": {
+            "mode": "converged",
+            "force_tolerance_n": 1e-5,
+            "violation_tolerance_mm": 1e-5,
+            "max_iterations": 60,
+        },
         "recording": {"enabled": True, "every_steps": 10},
     }
     sine = Scenario.load({"trajectory": {"kind": "sine"}}).resolved()["trajectory"]
