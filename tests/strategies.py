@@ -81,7 +81,7 @@ def controllers(draw: st.DrawFn) -> Json:
             "kind": kind,
             "depth_mm": draw(between(1.0, 1000.0)),
             "gain": draw(between(0.0, 2.0)),
-            "damping": draw(between(1e-4, 10.0)),
+            "direction_speed_mm_s": draw(between(1.0, 1e5)),
             "model": draw(separate_models()),
         }
     if kind == "replay":
@@ -92,7 +92,7 @@ def controllers(draw: st.DrawFn) -> Json:
         "rcm_gain": draw(between(0.0, 2.0)),
         "rcm_weight": draw(between(0.0, 10.0)),
         "orientation": draw(st.sampled_from(["rcm", "axis"])),
-        "damping": draw(between(1e-4, 10.0)),
+        "direction_speed_mm_s": draw(between(1.0, 1e5)),
         "lever_arm_mm": draw(between(1.0, 1000.0)),
         "jacobian": draw(st.sampled_from(["constraint", "perturbation"])),
         "derivative": draw(st.sampled_from(["fast", "exact"])),
@@ -176,7 +176,7 @@ steered = st.sampled_from(
     [
         {"kind": "ifem"},
         {"kind": "open_loop"},
-        {"kind": "ifem", "damping": 1e-4, "gain": 2.0},
+        {"kind": "ifem", "direction_speed_mm_s": 1e5, "gain": 2.0},
         {"kind": "ifem", "rcm_weight": 0.1, "delay_s": 0.1},
         {"kind": "ifem", "orientation": "axis"},
         {"kind": "rigid"},

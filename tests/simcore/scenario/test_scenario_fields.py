@@ -190,7 +190,7 @@ def test_defaults_are_those_of_version_1() -> None:
             "rcm_gain": 1.0,
             "rcm_weight": 1.0,
             "orientation": "rcm",
-            "damping": 0.05,
+            "direction_speed_mm_s": 300.0,
             "lever_arm_mm": 100.0,
             "jacobian": "constraint",
             "derivative": "fast",
