@@ -124,7 +124,7 @@ class Scenario(Block):
     motion: Motion = Field(default=Still(), description="how the held nodes of the tissue move")
     robot: Robot = Field(default=Robot(), description="speed limits of the needle's base")
     controller: Controller = Field(default=InverseFem(), description="what steers the base")
-    solver: Solver = Field(default=Solver(), description="when a step counts as converged")
+    solver: Solver = Field(default=Solver(), description="how a step is solved")
     recording: Recording = Field(default=Recording(), description="what is kept for looking at")
 
     @model_validator(mode="before")
@@ -152,6 +152,7 @@ class Scenario(Block):
             trajectory=self.trajectory,
             motion=self.motion,
             controller=self.controller,
+            solver=self.solver,
             dt_s=self.dt_s,
         )
         if problems:

@@ -192,7 +192,7 @@ def test_defaults_are_those_of_version_1() -> None:
             "rcm_gain": 1.0,
             "rcm_weight": 1.0,
             "orientation": "rcm",
-            "damping": 0.05,
+            "direction_speed_mm_s": 300.0,
             "lever_arm_mm": 100.0,
             "jacobian": "constraint",
             "derivative": "fast",
@@ -201,7 +201,12 @@ def test_defaults_are_those_of_version_1() -> None:
             "delay_s": 0.0,
         },
         "motion": {"kind": "none"},
-        "solver": {"force_tolerance_n": 1e-5, "violation_tolerance_mm": 1e-5, "max_iterations": 60},
+        "solver": {
+            "mode": "converged",
+            "force_tolerance_n": 1e-5,
+            "violation_tolerance_mm": 1e-5,
+            "max_iterations": 60,
+        },
         "recording": {"enabled": True, "every_steps": 10},
     }
     sine = Scenario.load({"trajectory": {"kind": "sine"}}).resolved()["trajectory"]
