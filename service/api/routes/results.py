@@ -96,6 +96,8 @@ def get_series(
         if wanted == "csv":
             return Response(series.as_csv(arrays), media_type="text/csv")
         return Response(series.as_json(arrays), media_type="application/json")
+    except series.DamagedSeriesError as error:
+        raise HttpError(404, f"series.npz of job {job_id} {error}") from None
     except ValueError as error:
         raise HttpError(422, str(error), errors=[Problem("names", names, str(error))]) from None
 
