@@ -26,7 +26,7 @@ class Turning(NamedTuple):
     change: Floats
 
     def axis(self, i: int) -> tuple[Floats, Floats, float]:
-        """tau (3,), its change (3, k) and |c'| of element i."""
+        """Tau (3,), its change (3, k) and |c'| of element i."""
         size = float(np.linalg.norm(self.dc[i]))
         tau = self.dc[i] / size
         return tau, (self.change[i] - np.outer(tau, tau @ self.change[i])) / size, size

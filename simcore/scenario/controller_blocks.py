@@ -17,7 +17,7 @@ DELAY = bounded(
     0.0, 0.0, 1.0, "s from a command's making to its execution, a multiple of dt_s; the robot holds the last one [ours]"
 )
 DIRECTION_SPEED = bounded(
-    300.0,
+    1000.0,
     1.0,
     1e5,
     "largest speed that one singular direction of J may ask of the base, less for weak ones; rotations by the lever "
@@ -63,7 +63,10 @@ class InverseFem(Block):
     gain: Number = bounded(1.0, 0.0, 2.0, "k of the three tip objectives [ours]")
     rcm_gain: Number = bounded(1.0, 0.0, 2.0, "k of the two remote-centre objectives; 0 = rows left out [ours]")
     rcm_weight: Number = bounded(
-        1.0, 0.0, 10.0, "weight of the two remote-centre rows, of J and of e; 0 = rows left out [ours]"
+        0.3,
+        0.0,
+        10.0,
+        "weight of the two remote-centre rows, of J and of e; 0 = rows left out [ours: chosen on exploratory runs]",
     )
     orientation: Literal["rcm", "axis"] = Field(
         default="rcm",

@@ -8,8 +8,8 @@ from typing import Any
 
 import numpy as np
 
-from simcore.errors import Problem
 from simcore.contact.line import LINE_RADIUS_OF_BALL
+from simcore.errors import Problem
 from simcore.scenario.blocks import (
     HARD_SPACING_MM,
     MAXIMUM_CELLS,
