@@ -27,7 +27,7 @@ from benchmarks.paper.failure_places import face_mm, notable_cases, outcome_word
 from benchmarks.paper.figures import conditions, headline
 from benchmarks.paper.learning_studies import LearningPoint, learning_steps, seed_scores, seed_shares, variants
 from benchmarks.paper.page import html
-from benchmarks.paper.table import Row, arm_name, insertions_csv, main_rows, rows
+from benchmarks.paper.table import BESIDE, Row, arm_name, insertions_csv, main_rows, rows
 from benchmarks.paper.timing import PAPER_REDUCTIONS, costs, savings
 from simcore.rollout.artefacts import replace_atomically
 
@@ -142,6 +142,7 @@ def notable_insertions(table: Sequence[Row], links: Mapping[str, str]) -> list[J
                 "why": why,
                 "rmse_commanded_mm": row.rmse_commanded_mm,
                 "max_commanded_mm": error,
+                "beside": {metric: row.metrics.get(metric) for metric in BESIDE},
                 "link": links.get(case_id),
             }
         )
@@ -186,7 +187,9 @@ def main_table_markdown(report: Json) -> str:
     controllers without feedback are as good, and precision says nothing."""
     primary = next(iter(conditions(report)), None)
     head = "| paths | controller | insertions | S | median RMSE mm (quartiles) | largest RMSE mm | max error <= 1 mm "
-    lines = [f"{head}| ratio to open loop |", "| --- | --- | ---: | ---: | ---: | ---: | ---: | ---: |"]
+    headings = "".join(f" {heading} |" for heading, _ in BESIDE.values())
+    rule = f"| --- | --- |{' ---: |' * (6 + len(BESIDE))}"
+    lines = [f"{head}| ratio to open loop |{headings}", rule]
     floors = {(c["group"], c["young"], c["noise"]) for c in report["contrasts"] if c["floor"]}
     before = ""
     for score in report["scores"]:
@@ -205,10 +208,11 @@ def main_table_markdown(report: Json) -> str:
             _number(score["max_mm"]),
             f"{100 * score['within_1mm']:.4g} %",
             _number(score["ratio"]) if score["ratio_pairs"] else "-",
+            *(_number(score["beside"][metric], "-", digits) for metric, (_, digits) in BESIDE.items()),
         )
         lines.append(f"| {' | '.join(cells)} |")
     return "\n".join(lines) + "\n"
 
 
-def _number(value: float | None, absent: str = "failed") -> str:
-    return absent if value is None else f"{value:.3f}"
+def _number(value: float | None, absent: str = "failed", digits: int = 3) -> str:
+    return absent if value is None else f"{value:.{digits}f}"

@@ -15,7 +15,7 @@ from service.api.idempotency import IdempotencyKey, own_key
 from service.api.job_view_cache import EncodedJob
 from service.api.openapi import documented
 from service.api.parameters import Cursor, JobId
-from service.api.schemas.jobs import JobPage, JobRequest, JobSummary, JobView, State
+from service.api.schemas.jobs import JobPage, JobRequest, JobSummary, JobView, Outcome, State
 from service.store.job import Job, content_hash
 from service.store.paging import read_page
 from simcore.file_names import names_mean
@@ -82,13 +82,14 @@ def _scenario(value: Any, service: Service) -> tuple[Scenario, Cost, set[str]]:
 def list_jobs(
     service: ServiceOf,
     state: Annotated[State | None, Query(description="Only jobs in this state.")] = None,
+    outcome: Annotated[Outcome | None, Query(description="Only jobs that finished with this outcome.")] = None,
     limit: Annotated[int, Query(ge=1, le=200, description="Most items of the page.")] = 50,
     cursor: Cursor = None,
 ) -> JobPage:
     """A page of jobs, without their scenarios and results."""
 
     def newest(most: int, before: int | None) -> list[Job]:
-        return service.store.newest(state=state, limit=most, before=before)
+        return service.store.newest(state=state, outcome=outcome, limit=most, before=before)
 
     page = read_page(newest, size=limit, cursor=cursor)
     return JobPage(items=[JobSummary.of(job) for job in page.items], next_cursor=page.next_cursor)

@@ -16,7 +16,7 @@ from benchmarks.paper.failure_places import notable_cases
 from benchmarks.paper.page import change, change_interval, html, interval, mm, p_value, percent, share, signed
 from benchmarks.paper.pipeline import cases_to_record
 from benchmarks.paper.report import SCHEMA, document, main_table_markdown, write
-from benchmarks.paper.table import rows
+from benchmarks.paper.table import BESIDE, rows
 from tests.benchmarks.paper.synthetic import (
     experiments,
     labelled,
@@ -237,7 +237,7 @@ def test_files_are_written_and_replaced(tmp_path: Path) -> None:
 
 def test_the_main_table_is_that_of_the_primary_condition(report: dict[str, Any]) -> None:
     lines = main_table_markdown(report).splitlines()
-    assert all(line.count("|") == 9 for line in lines)
+    assert all(line.count("|") == 9 + len(BESIDE) for line in lines)
     assert len(lines) == 2 + 3 * 4 + 1  # three groups of four, and the small network on LIN
     ifem = next(s for s in report["scores"] if (s["group"], s["arm"], s["noise"]) == ("CUR", "ifem", "off"))
     row = next(line for line in lines if line.startswith("| CUR | I-FEM"))
