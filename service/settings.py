@@ -55,7 +55,7 @@ class Limits(Section):
     """What is refused, and from where on; all defaults [ours]. 1 MB = 10^6 bytes."""
 
     body_mb: float = setting(
-        32, "NEEDLEBENCH_MAX_BODY_MB", "MB of a request's body, uploads apart", low=0.001, high=1000
+        1, "NEEDLEBENCH_MAX_BODY_MB", "MB of a request's body, uploads apart", low=0.001, high=1000
     )
     upload_mb: float = setting(64, "NEEDLEBENCH_MAX_UPLOAD_MB", "MB of an uploaded file", low=0.001, high=200)
     uploads_mb: float = setting(

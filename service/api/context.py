@@ -92,7 +92,7 @@ class Service:
     def refuse_when_closing(self) -> None:
         """Raises HttpError 503 once no more work is taken."""
         if self.closing:
-            raise HttpError(503, "the service is shutting down", headers={"Retry-After": "10"})
+            raise HttpError(503, "the service is shutting down", headers={"Retry-After": "10"}, code="closing")
 
 
 def _sweep_of(settings: Settings, store: Store, uploads: Uploads) -> Callable[[], retention.Cleared] | None:

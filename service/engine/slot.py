@@ -240,7 +240,7 @@ class Slot(threading.Thread):
     def _finish(self, job: Job, outcome: Outcome) -> Job:
         """The end of an attempt, and the next job if there is one and a worker for it.
 
-        A model is kept before its job has succeeded: a kill between trains it again.
+        A model is kept before its job has finished: a kill between trains it again.
         """
         if job.kind == TRAINING and outcome.result is not None:
             made = self._settings.data / job.folder / training_job.MODEL

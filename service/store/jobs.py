@@ -25,6 +25,7 @@ from service.store.job import (
     IllegalTransitionError,
     InputGoneError,
     Job,
+    JobPinnedError,
     Outcome,
 )
 from service.store.job_queries import (
@@ -272,8 +273,10 @@ class Store(Transitions):
         """
         with self._write() as connection:
             job = read(connection, job_id, BRIEF)
-            if not job.terminal or job.pinned:
-                raise IllegalTransitionError(job_id, "pinned" if job.pinned else job.state, "deleted")
+            if not job.terminal:
+                raise IllegalTransitionError(job_id, job.state, "deleted")
+            if job.pinned:
+                raise JobPinnedError(job_id)
             connection.execute(delete(JOB).where(JOB.c.id == job_id))
             self._log(connection, job, "deleted")
         self.notify(job_id)

@@ -51,7 +51,7 @@ def test_metrics_count_jobs_answers_and_room(both: tuple[TestClient, Service]) -
     http.get(f"{JOBS}/unknown")
     found = figures(http)
     assert found["needlebench_jobs"][("queued",)] == 2
-    assert found["needlebench_jobs"][("succeeded",)] == 1
+    assert found["needlebench_jobs"][("finished",)] == 1
     assert found["needlebench_jobs"][("timed_out",)] == 0
     assert found["needlebench_queue_length"][()] == 2
     assert found["needlebench_workers"][("slots",)] == 2

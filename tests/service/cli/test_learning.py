@@ -122,7 +122,7 @@ def test_real_insertions_a_model_of_them_and_a_run_by_it(tmp_path: Path) -> None
     path = {"kind": "line", "target_mm": [20, 33, 60]}
     steered = {**middle.scenario, "noise_mm": 0.0, "trajectory": path}
     steered["controller"] = {"kind": "elm", "model": str(model)}
-    assert run(Scenario.load(steered)).metrics["rmse_mm"] < 1.0
+    assert run(Scenario.load(steered)).metrics["rmse_commanded_mm"] < 1.0
 
 
 def coarse_changes() -> dict[str, object]:
@@ -259,4 +259,4 @@ def test_a_needle_is_steered_in_the_example_mesh(tmp_path: Path) -> None:
         for kind in ("ifem", "open_loop")
     )
     assert steered.success
-    assert steered.metrics["rmse_mm"] < 0.05 * pushed.metrics["rmse_mm"]
+    assert steered.metrics["rmse_commanded_mm"] < 0.05 * pushed.metrics["rmse_commanded_mm"]
