@@ -41,6 +41,7 @@ from service.store.job_queries import (
     to_job,
 )
 from service.store.transitions import Transitions, attempt_key, end_data
+from service.store.turns import lane_of
 from service.store.upload_references import check_uploads, missing
 
 if TYPE_CHECKING:
@@ -59,6 +60,11 @@ class Store(Transitions):
     ) -> None:
         super().__init__(engine, now=now)
         self._limits = limits or Limits()
+
+    @property
+    def limits(self) -> Limits:
+        """What is refused."""
+        return self._limits
 
     # -- submitting
 
@@ -105,6 +111,7 @@ class Store(Transitions):
                 "version": 1,
                 "owner": owner,
                 "kind": kind,
+                "lane": lane_of(owner),
             }
             job = to_job(connection.execute(NEW, new).one())
             for upload_id in uploads:
@@ -120,7 +127,8 @@ class Store(Transitions):
     # -- the life of a job
 
     def claim(self) -> Job | None:
-        """Take the next queued job, highest priority first, then oldest; None when there is none.
+        """Take the next queued job, highest priority first, then by turns over keys and campaigns, then the oldest;
+        None when there is none.
 
         A power cut may put it back into the queue, as if nobody had taken it.
         """
