@@ -228,6 +228,9 @@ METRICS = (
         1e-8,
         "only with a larger solver.violation_tolerance_mm",
     ),
+    Metric(
+        "solver.held_nodes", "1", "nodes of the tissue that are held still", 3, 1e6, "never: such scenarios are refused"
+    ),
 )
 
 SERIES = (
