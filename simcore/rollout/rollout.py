@@ -193,6 +193,7 @@ class _Loop:
             tissue_rest_m=mesh.nodes_m.copy(),
             tissue_tets=mesh.tets.copy(),
             surface_triangles=mesh.surface_triangles.copy(),
+            held_nodes=np.flatnonzero(self.insertion.tissue.unknown < 0),
             path_m=self.path.curve(np.linspace(0.0, 1.0, 2 if self.path.is_straight else 101)),
             entry_m=self.insertion.entry_m.copy(),
             needle_radius_m=self.insertion.needle.outer_radius_m,

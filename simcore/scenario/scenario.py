@@ -54,6 +54,7 @@ from simcore.scenario.rules import (
     problems_between,
     separate_model,
     steps_along,
+    with_entry,
     with_mesh,
     with_model_spacing,
     with_spacing,
@@ -142,6 +143,7 @@ class Scenario(Block):
         """Settle the derived fields, then check the rules between fields."""
         settle = object.__setattr__
         settle(self, "tissue", with_mesh(self.tissue))
+        settle(self, "trajectory", with_entry(self.trajectory, self.tissue))
         settle(self, "interaction", with_spacing(self.interaction, self.tissue))
         controller = with_model_spacing(self.controller, self.interaction, self.tissue)
         settle(self, "controller", with_file_digest(controller))
