@@ -27,7 +27,8 @@ from benchmarks.paper.failure_places import face_mm, notable_cases, outcome_word
 from benchmarks.paper.figures import conditions, headline
 from benchmarks.paper.learning_studies import LearningPoint, learning_steps, seed_scores, seed_shares, variants
 from benchmarks.paper.page import html
-from benchmarks.paper.table import Row, arm_name, insertions_csv, main_rows, rows
+from benchmarks.paper.retraining import training_scores
+from benchmarks.paper.table import TRAINING, Row, arm_name, insertions_csv, main_rows, rows
 from benchmarks.paper.timing import PAPER_REDUCTIONS, costs, savings
 from simcore.rollout.artefacts import replace_atomically
 
@@ -80,6 +81,7 @@ def document(
         "spots": spots(table),
         "failures": [failure(row) for row in failed[:LISTED_FAILURES]],
         "seeds": {"scores": seeds, "shares": shares, "boxes": _seed_boxes(seeds)},
+        "training": training_scores([row for row in table if row.group == TRAINING]),
         "learning": learning_steps(learning),
         "sensitivity": variants(table),
         "timing": {"costs": costs(timed), "savings": evidence.savings, "paper": PAPER_REDUCTIONS},
