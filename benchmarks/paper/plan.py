@@ -85,7 +85,9 @@ class Plan:
     def sha256(self) -> str:
         """Digest of the scale and of every draft: two runs with the same one do the same."""
         drafts = [[case.id, case.labels, case.scenario] for stage in self.stages for case in stage.cases]
-        content = json.dumps([self.scale.model_dump(mode="json"), drafts], sort_keys=True, separators=(",", ":"))
+        content = json.dumps(
+            [self.scale.model_dump(mode="json", exclude={"band_mm"}), drafts], sort_keys=True, separators=(",", ":")
+        )
         return hashlib.sha256(content.encode()).hexdigest()
 
     def seconds(self, cost: StepCost, workers: int) -> dict[str, float]:

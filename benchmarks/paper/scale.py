@@ -25,6 +25,13 @@ class Scale(BaseModel):
     name: Annotated[str, StringConstraints(pattern=r"^[a-z0-9][a-z0-9-]{0,29}$")]
     element_size_mm: float = Field(6.0, ge=2.0, le=20.0, description="edge of a cell of the tissue")
     dt_s: float = Field(0.01, ge=1e-3, le=0.05, description="time step")
+    band_mm: float | None = Field(
+        None,
+        ge=0.0,
+        le=100.0,
+        description="how far the tip may be off for the discretisation, by a convergence study; null = unknown. Only "
+        "the claims read it: it may be set later",
+    )
     training: int = Field(105, ge=1, le=105, description="data-set insertions, of the 7 x 15 grid")
     retraining: Count = Field(
         105, le=105, description="insertions of each data set of the training study; 0 = no such study, else 2 or more"
