@@ -10,7 +10,6 @@ from sqlalchemy import Engine, delete, insert, update
 
 from service.settings import Limits
 from service.store import schema
-from service.store.database import sync
 from service.store.job import (
     CANCELLED,
     CRASHED,
@@ -26,6 +25,7 @@ from service.store.job import (
     IllegalTransitionError,
     InputGoneError,
     Job,
+    JobPinnedError,
     Outcome,
 )
 from service.store.job_queries import (
@@ -170,7 +170,7 @@ class Store(Transitions):
     def publish(self, *job_ids: str) -> None:
         """Bring what was committed to the disk and tell who waits for these jobs. Raises OSError."""
         try:
-            sync(self._engine)
+            self._sync()
         finally:
             self.notify(*job_ids)
 
@@ -273,8 +273,10 @@ class Store(Transitions):
         """
         with self._write() as connection:
             job = read(connection, job_id, BRIEF)
-            if not job.terminal or job.pinned:
-                raise IllegalTransitionError(job_id, "pinned" if job.pinned else job.state, "deleted")
+            if not job.terminal:
+                raise IllegalTransitionError(job_id, job.state, "deleted")
+            if job.pinned:
+                raise JobPinnedError(job_id)
             connection.execute(delete(JOB).where(JOB.c.id == job_id))
             self._log(connection, job, "deleted")
         self.notify(job_id)

@@ -25,7 +25,7 @@ from sqlalchemy import (
 )
 
 REVISION = "all_tables"  # of the newest migration
-STATES = ("queued", "running", "succeeded", "failed", "cancelled", "timed_out")
+STATES = ("queued", "running", "finished", "failed", "cancelled", "timed_out")
 
 metadata = MetaData(
     naming_convention={
@@ -69,7 +69,7 @@ job = Table(
     Column("version", Integer, nullable=False),  # goes up with every change: the ETag
     Column("owner", String(32)),  # the API key that submitted it; null where none was asked for
     Column("kind", String(16), nullable=False, server_default="insertion"),  # what its worker does: `jobs.KINDS`
-    CheckConstraint("state IN ('queued', 'running', 'succeeded', 'failed', 'cancelled', 'timed_out')", name="state"),
+    CheckConstraint("state IN ('queued', 'running', 'finished', 'failed', 'cancelled', 'timed_out')", name="state"),
     sqlite_autoincrement=True,
 )
 Index(

@@ -93,6 +93,13 @@ class Needle(Block):
     young_gpa: Number = bounded(200.0, 0.1, 500.0, "Young's modulus, stainless steel [cited]")
     poisson: Number = bounded(0.29, 0.0, 0.49, "Poisson's ratio, stainless steel [cited]")
     elements: Annotated[int, Field(strict=True)] = Field(default=20, ge=2, le=200, description="beams; 2 to 200 [ours]")
+    yield_mpa: Number = bounded(
+        1030.0,
+        1.0,
+        10_000.0,
+        "stress from which on the needle does not spring back, and a run is no success; tensile strength of hard-drawn "
+        "austenitic tubing, ASTM A908, quoted second hand [cited, weak]",
+    )
 
 
 class Interaction(Block):

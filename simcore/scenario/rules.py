@@ -25,7 +25,7 @@ from simcore.scenario.blocks import (
     Tissue,
 )
 from simcore.scenario.controller_blocks import Controller, FrozenJacobian, InverseFem, Replay, SeparateModel
-from simcore.scenario.controller_rules import plugin_problems
+from simcore.scenario.controller_rules import plugin_problems, pose_count, pose_problems
 from simcore.trajectory import step_count
 
 
@@ -49,7 +49,7 @@ def problems_between(
             or [*_length_problems(trajectory, needle), *_step_problems(steps_along(trajectory, controller, dt_s), dt_s)]
         ),
         *_motion_problems(motion),
-        *_pose_problems(controller),
+        *pose_problems(controller),
         *_delay_problems(controller, dt_s),
         *_derivative_problems(controller, solver),
         *_model_problems(controller, tissue),
@@ -60,7 +60,7 @@ def problems_between(
 def steps_along(trajectory: StraightTrajectory, controller: Controller, dt_s: float) -> int:
     """Number of steps: the replay's poses, or ceil(path length / (speed dt))."""
     if isinstance(controller, Replay):
-        return len(controller.poses)
+        return pose_count(controller)
     return step_count(trajectory.path().length_m, trajectory.speed_mm_s * 1e-3, dt_s)
 
 
@@ -220,24 +220,6 @@ def _step_problems(steps: int, dt_s: float) -> list[Problem]:
 def _motion_problems(motion: Still | Breathing) -> list[Problem]:
     if isinstance(motion, Breathing) and math.hypot(*motion.direction) < 1e-6:
         return [Problem("motion.direction", list(motion.direction), "must be a vector at least 1e-6 long")]
-    return []
-
-
-def _pose_problems(controller: Controller) -> list[Problem]:
-    if not isinstance(controller, Replay):
-        return []
-    for i, pose in enumerate(controller.poses):
-        norm = math.hypot(*pose[3:])
-        if abs(norm - 1.0) > 1e-3:
-            return [
-                Problem(
-                    f"controller.poses[{i}]",
-                    list(pose),
-                    f"must hold a unit quaternion qw, qx, qy, qz; its norm is {norm:.6g}",
-                )
-            ]
-        if max(abs(c) for c in pose[:3]) > 10_000.0:
-            return [Problem(f"controller.poses[{i}]", list(pose), "must lie within +-10000 mm")]
     return []
 
 

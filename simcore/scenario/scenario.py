@@ -48,7 +48,7 @@ from simcore.scenario.controller_blocks import (
     SharedModel,
     SmallNetwork,
 )
-from simcore.scenario.controller_rules import CONDITIONS, training_warnings, with_model_digest
+from simcore.scenario.controller_rules import CONDITIONS, training_warnings, with_file_digest
 from simcore.scenario.rules import (
     delay_steps,
     hold_problems,
@@ -122,6 +122,9 @@ class Scenario(Block):
         description="s until the target noise is redrawn, a multiple of dt_s, 0.0001 to 10; null = 10 ms, which is "
         "every step at the default dt_s, and every step where steps are longer [paper: every step; ours: its length]",
     )
+    success_mm: Number = bounded(
+        2.0, 0.01, 50.0, "success needs the tip this near to the end of the path after the last step [ours]"
+    )
     tissue: Tissue = Field(default=Tissue(), description="the soft block")
     needle: Needle = Field(default=Needle(), description="the flexible tube that the robot holds")
     interaction: Interaction = Field(default=Interaction(), description="forces between needle and tissue")
@@ -149,7 +152,7 @@ class Scenario(Block):
         settle(self, "tissue", with_mesh(self.tissue))
         settle(self, "interaction", with_spacing(self.interaction, self.tissue))
         controller = with_model_spacing(self.controller, self.interaction, self.tissue)
-        settle(self, "controller", with_model_digest(controller))
+        settle(self, "controller", with_file_digest(controller))
         problems = problems_between(
             tissue=self.tissue,
             needle=self.needle,

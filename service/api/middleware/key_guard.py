@@ -73,16 +73,16 @@ class KeyGuard:
         if caller is None:
             return _unknown(request)
         if caller.by_cookie and method not in SAFE_METHODS and not same_origin(request.headers):
-            return problem_response(
-                403, "a browser that is logged in can change things only from the service's own pages", instance=path
-            )
+            detail = "a browser that is logged in can change things only from the service's own pages"
+            return problem_response(403, detail, instance=path, code="origin-foreign")
         need = scope_of(method)
         if path not in OPEN_PATHS | _OF_EVERY_SCOPE and not caller.may(need):
             return problem_response(403, refusal(caller.scope, need, f"{method} {path[:100]}"), instance=path)
         wait_s = 0.0 if caller.key_id is None else self._rate.wait_s(caller.key_id)
         if wait_s:
             headers = {"Retry-After": str(math.ceil(wait_s))}
-            return problem_response(429, "too many requests with this key", instance=path, headers=headers)
+            detail = "too many requests with this key"
+            return problem_response(429, detail, instance=path, headers=headers, code="rate-exceeded")
         return None
 
 

@@ -86,7 +86,7 @@ def test_rmse_over_gain(gain: float) -> None:
     control(
         f"tip RMSE on a 1 mm sine, gain {gain:g}",
         expected=abs(1.0 - gain) / gain * PATH_STEP_MM,
-        measured=rollout(controller={"gain": gain}).metrics["rmse_mm"],
+        measured=rollout(controller={"gain": gain}).metrics["rmse_commanded_mm"],
         tolerance=0.008,
         source="lag of a proportional loop behind a ramp, |1 - k| d / k (Franklin, Powell and Emami-Naeini)",
         unit="mm",
@@ -105,7 +105,7 @@ def test_errors_over_the_speed_of_a_direction() -> None:
     """What may not move fast enough is late: the tip error falls to that of the undamped inverse as the speed rises,
     and the default (300 mm/s) costs less than 0.01 mm."""
     speeds_mm_s = [10.0, 30.0, 100.0, 300.0, 1e5]
-    rmse = measures("rmse_mm", speeds_mm_s, lambda speed: {"controller": {"direction_speed_mm_s": speed}})
+    rmse = measures("rmse_commanded_mm", speeds_mm_s, lambda speed: {"controller": {"direction_speed_mm_s": speed}})
     assert rmse[0] > rmse[1] > rmse[-1]
     text, source = (
         "tip RMSE: default direction speed against none",
@@ -119,7 +119,7 @@ def test_the_damping_does_not_depend_on_the_time_step(weight: float) -> None:
     """Where it acts in a fifth of what it is by default, the tip error stays the same from 20 to 5 ms."""
     steps_s = [0.02, 0.01, 0.005]
     slow = {"controller": {"direction_speed_mm_s": 20.0, "rcm_weight": weight}}
-    rmse = measures("rmse_mm", steps_s, lambda dt: {"dt_s": dt, **slow})
+    rmse = measures("rmse_commanded_mm", steps_s, lambda dt: {"dt_s": dt, **slow})
     text, source = (
         f"tip RMSE over dt 20 to 5 ms, weak directions slow, weight {weight:g}: exponent",
         "a speed, not a step",
@@ -127,7 +127,7 @@ def test_the_damping_does_not_depend_on_the_time_step(weight: float) -> None:
     control(text, expected=0, measured=order(steps_s, rmse), tolerance=0.15, source=source)
 
 
-@pytest.mark.parametrize("name", ["rmse_mm", "rcm_mean_mm"])
+@pytest.mark.parametrize("name", ["rmse_commanded_mm", "rcm_mean_mm"])
 def test_errors_over_time_step(name: str) -> None:
     """One correction a step: a curved path leaves an error in proportion to the step."""
     steps_s = [0.04, 0.02, 0.01, 0.005]
@@ -176,9 +176,10 @@ def speeds(series: dict[str, Vector], dt_s: float) -> tuple[Vector, Vector]:
 
 @pytest.mark.parametrize(("speed", "turn"), [(10.5, 3600.0), (1000.0, 3.0), (12.0, 3.0)])
 def test_speed_limits_hold_at_every_step(speed: float, turn: float) -> None:
-    """Tight limits, noisy target: no step above a limit, and every limited step uses one of them fully."""
+    """Tight limits, noisy target: no step above a limit, and every limited step uses one of them fully. The tip may
+    fall far behind."""
     robot = {"max_speed_mm_s": speed, "max_turn_deg_s": turn}
-    series = rollout(noise_mm=0.25, seed=5, robot=robot).series
+    series = rollout(noise_mm=0.25, seed=5, robot=robot, success_mm=50.0).series
     limited = series["limited"][1:]
     share = np.divide(speeds(series, 0.01), [[speed], [turn]]).max(axis=0)
     assert limited.mean() > 0.5
@@ -249,8 +250,8 @@ def test_recovery_from_a_jump_of_the_target(name: str) -> None:
 
 def test_steering_is_far_better_than_open_loop_on_a_curved_path() -> None:
     """An open-loop needle on a sine of 1 mm has about 0.71 mm RMSE (spec of the experiments): the overlay itself."""
-    blind = rollout(controller={"kind": "open_loop"}).metrics["rmse_mm"]
-    steered = rollout().metrics["rmse_mm"]
+    blind = rollout(controller={"kind": "open_loop"}).metrics["rmse_commanded_mm"]
+    steered = rollout().metrics["rmse_commanded_mm"]
     source = "root mean square of a sine of amplitude 1 mm, spec of the experiments"
     text, expected = "open loop on a 1 mm sine: RMSE", math.sqrt(0.5)
     control(text, expected=expected, measured=blind, tolerance=0.03, source=source, unit="mm")
@@ -268,6 +269,6 @@ def test_without_the_remote_centre_the_shaft_leaves_the_entry() -> None:
         tolerance=0.01,
         source="objective switched off, spec of the controllers",
     )
-    assert free.metrics["rmse_mm"] < 0.02
+    assert free.metrics["rmse_commanded_mm"] < 0.02
     assert free.metrics["rcm_mean_mm"] > 1.0
     assert free.metrics["max_tissue_displacement_mm"] > 2 * guided.metrics["max_tissue_displacement_mm"]

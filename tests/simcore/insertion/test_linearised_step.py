@@ -47,7 +47,7 @@ def test_a_linearised_run_is_the_converged_one_to_one_per_cent(preset: str) -> N
     assert linearised.status is Status.COMPLETED
     apart_m = np.linalg.norm(linearised.series["tip_m"] - converged.series["tip_m"], axis=1).max()
     assert 0.0 < apart_m < ONE_PER_CENT * converged.series["max_displacement_m"].max()
-    rmse_mm = (linearised.metrics["rmse_mm"], converged.metrics["rmse_mm"])
+    rmse_mm = (linearised.metrics["rmse_commanded_mm"], converged.metrics["rmse_commanded_mm"])
     assert rmse_mm[0] == pytest.approx(rmse_mm[1], rel=ONE_PER_CENT, abs=1e-3)
     assert (linearised.series["iterations"][1:] == 1).all()
     assert linearised.series["residual_n"].max() > converged.scenario.solver.force_tolerance_n  # and it is reported
@@ -84,7 +84,7 @@ def test_every_controller_steers_linearised_steps(controller: dict[str, Any]) ->
         for mode in ("converged", "linearised")
     )
     assert linearised.status is Status.COMPLETED, linearised.message
-    assert linearised.metrics["rmse_mm"] == pytest.approx(converged.metrics["rmse_mm"], rel=0.1, abs=0.02)
+    assert linearised.metrics["rmse_commanded_mm"] == pytest.approx(converged.metrics["rmse_commanded_mm"], rel=0.1, abs=0.02)
 
 
 def deep(**solver: Any) -> tuple[Insertion, InsertionState]:
