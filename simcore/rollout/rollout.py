@@ -37,7 +37,7 @@ if TYPE_CHECKING:
 
 Clock = Callable[[], float]
 
-NOISE_HOLD_S = 0.01
+NOISE_HOLD_S = 0.01  # where the scenario names none
 SHAFT_POINTS_PER_BEAM = 3
 PATH_POINTS_APART_M = 0.5e-3  # in the tissue; the chords of a 1 mm sine over 120 mm then miss it by 0.1 um
 
@@ -92,7 +92,7 @@ class _Loop:
         self.noise_m = held_noise(
             np.random.default_rng(scenario.seed),
             amplitude_m=scenario.noise_mm * 1e-3,
-            hold_s=NOISE_HOLD_S,
+            hold_s=scenario.noise_hold_s or NOISE_HOLD_S,
             dt_s=scenario.dt_s,
             steps=self.steps,
         )

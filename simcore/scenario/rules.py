@@ -245,6 +245,17 @@ def _delay_problems(controller: Controller, dt_s: float) -> list[Problem]:
     return [Problem("controller.delay_s", controller.delay_s, allowed)]
 
 
+def hold_problems(noise_hold_s: float | None, dt_s: float) -> list[Problem]:
+    """A time that noise is held for which is no multiple of the step."""
+    if noise_hold_s is None:
+        return []
+    nearest_s = max(1, round(noise_hold_s / dt_s)) * dt_s
+    if abs(noise_hold_s - nearest_s) <= 1e-6 * dt_s:
+        return []
+    allowed = f"must be a multiple of dt_s = {dt_s:g} s, at most 10 s; the nearest is {nearest_s:g}"
+    return [Problem("noise_hold_s", noise_hold_s, allowed)]
+
+
 def _derivative_problems(controller: Controller, solver: Solver) -> list[Problem]:
     """The exact Jacobian differentiates equations that a linearised step does not fulfil."""
     if solver.mode == "converged" or not isinstance(controller, InverseFem):

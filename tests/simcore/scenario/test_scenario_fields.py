@@ -146,6 +146,7 @@ def test_defaults_are_those_of_version_1() -> None:
         "seed": 0,
         "dt_s": 0.01,
         "noise_mm": 0.0,
+        "noise_hold_s": None,
         "success_mm": 2.0,
         "tissue": {
             "size_mm": [36.0, 62.0, 122.0],
