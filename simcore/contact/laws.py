@@ -157,6 +157,17 @@ def next_mode(law: Law, element: int, mode: int, arc: float, force: float, later
 
 
 @kernel
+def free_rows(free: Flags, w: Floats, matrix: Floats, right: Floats) -> None:
+    """Write the two lateral equations of each element (a,) that is free: it has no lateral force."""
+    for i in range(len(free)):
+        if free[i]:
+            for row in range(3 * i, 3 * i + 2):
+                matrix[row, :] = 0.0
+                matrix[row, row] = w[row, row]
+                right[row] = 0.0
+
+
+@kernel
 def system_rows(
     response: Response,
     law: Law,
@@ -199,11 +210,7 @@ def system_rows(
             if lateral > 0.0:
                 for c in range(2):
                     matrix[row, 3 * i + c] = -scale * sign[i, k] * friction * around[i, c] / lateral
-        if law.free[i]:
-            for row in range(3 * i, 3 * i + 2):
-                matrix[row, :] = 0.0
-                matrix[row, row] = w[row, row]
-                right[row] = 0.0
+    free_rows(law.free, w, matrix, right)
     if sliding:
         for c in range(2):
             scale = w[c, c]

@@ -7,7 +7,7 @@ import json
 from typing import Any
 
 from simcore.errors import Problem, ScenarioError
-from simcore.scenario.rules import without_derived
+from simcore.scenario.point_rules import without_derived
 from simcore.scenario.scenario import Scenario
 
 _PRESETS: dict[str, tuple[str, dict[str, Any]]] = {
