@@ -10,7 +10,7 @@ _SCHEDULE = "9a8b7c6d5e4f3a21"
 _SHA256 = "786a663d40c9af756009c06f7974c605467e961660daeceb19dee28db2a444b7"
 _METRICS = {"success": True, "steps_completed": 1222, "steps": 1222, "rmse_mm": 0.0028, "max_error_mm": 0.007}
 _STEPS = "gives 244000 steps, at most 200000 are allowed here"
-_SUITE = {"name": "lin100-v1-quick", "suite": "lin100-v1-quick", "suite_sha256": _SHA256}
+_SUITE = {"name": "lin100-v2-quick", "suite": "lin100-v2-quick", "suite_sha256": _SHA256}
 
 JOB: dict[str, Any] = {
     "id": _JOB,
@@ -89,7 +89,7 @@ EXAMPLES: dict[str, dict[str, Any]] = {
         **_SUITE,
         "state": "running",
         "cancelling": False,
-        "request": {"suite": "lin100-v1-quick"},
+        "request": {"suite": "lin100-v2-quick"},
         "cases": 140,
         "jobs": {"succeeded": 70, "running": 2, "queued": 68},
         "fraction": 0.5,
@@ -116,7 +116,7 @@ EXAMPLES: dict[str, dict[str, Any]] = {
         "catchup": "latest",
         "overlap": "forbid",
         "enabled": True,
-        "campaign": {"suite": "lin100-v1-quick"},
+        "campaign": {"suite": "lin100-v2-quick"},
         "next_run_at": "2026-11-30T01:00:00Z",
         "created_at": "2026-11-29T02:00:00Z",
         "version": 1,

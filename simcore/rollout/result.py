@@ -1,15 +1,13 @@
-"""The result of a run, and the digest that says whether two runs did the same to the bit."""
+"""The result of a run."""
 
 from __future__ import annotations
 
-import hashlib
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
-import numpy as np
-
 from simcore.provenance import provenance
-from simcore.rollout.authority import AUTHORITY, authority_warnings
+from simcore.rollout.authority import authority_warnings
+from simcore.rollout.digest import digest
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -19,7 +17,6 @@ if TYPE_CHECKING:
 
 TIMES = ("plant_s", "jacobian_s", "command_s", "recording_s")  # clock readings of a step, s
 FRAMES = ("tissue_m", "tissue_frame_step")  # kept tissue states and their steps
-UNDIGESTED = (*TIMES, *FRAMES, *AUTHORITY)  # clock readings, frames of which the last one is digested, what is derived
 
 
 @dataclass(frozen=True)
@@ -41,7 +38,7 @@ class Rollout:
 
     @property
     def digest(self) -> str:
-        """SHA-256 over the state series and the last tissue positions, names and shapes included; timings left out."""
+        """SHA-256 over the states, see `simcore.rollout.digest`."""
         return digest(self.series)
 
     @property
@@ -61,15 +58,3 @@ class Rollout:
             "warnings": [*self.scenario.warnings(), *self.warnings],
             "provenance": provenance(self.scenario.resolved()),
         }
-
-
-def digest(series: dict[str, NDArray[Any]]) -> str:
-    """SHA-256 of a series' state arrays in the order of their names."""
-    state = {name: array for name, array in series.items() if name not in UNDIGESTED}
-    state["tissue_last_m"] = series["tissue_m"][-1]
-    hashed = hashlib.sha256()
-    for name in sorted(state):
-        array = np.ascontiguousarray(state[name])
-        hashed.update(f"{name}{array.dtype.str}{array.shape}".encode())
-        hashed.update(array.tobytes())
-    return hashed.hexdigest()

@@ -108,8 +108,8 @@ def test_a_dry_run_queues_nothing(both: tuple[TestClient, Service]) -> None:
     ("body", "words"),
     [
         ({}, "either suite or grid"),
-        ({"suite": "nonsense-v1"}, "lin100-v1"),
-        ({"suite": "lin100-v1-smoke", "grid": {"seed": [0]}}, "either suite or grid"),
+        ({"suite": "nonsense-v1"}, "lin100-v2"),
+        ({"suite": "lin100-v2-smoke", "grid": {"seed": [0]}}, "either suite or grid"),
         ({"grid": {"seed": []}}, "at least one"),
         ({"grid": {"tissue.mesh_file": ["/etc/passwd"]}}, "not accepted here"),
         ({"grid": {"seed": [0]}, "priority": 1000}, "100"),
@@ -183,7 +183,7 @@ def test_results_as_csv_and_as_a_page(both: tuple[TestClient, Service]) -> None:
 
 def test_a_named_suite_has_the_report_of_the_paper(both: tuple[TestClient, Service]) -> None:
     http, service = both
-    made = start(http, {"suite": "lin100-v1-smoke"})
+    made = start(http, {"suite": "lin100-v2-smoke"})
     run_all(service)
     service.keeper.tick()
     page = http.get(made["links"]["report"]).text
@@ -252,4 +252,4 @@ def test_campaigns_are_listed_page_by_page(both: tuple[TestClient, Service]) -> 
 
 def test_suites_are_listed(both: tuple[TestClient, Service]) -> None:
     http, _ = both
-    assert "lin100-v1-smoke" in [item["name"] for item in http.get("/api/v1/suites").json()["items"]]
+    assert "lin100-v2-smoke" in [item["name"] for item in http.get("/api/v1/suites").json()["items"]]
