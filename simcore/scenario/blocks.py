@@ -1,7 +1,7 @@
 """The blocks of a scenario, field by field: with `controller_blocks` the only place where a default stands.
 
 Each field's description ends with the tag of its default: [paper] Perrusi et al. 2021, [cited] a published source,
-[ours] our choice because no source states it. A default never changes within a schema version.
+[ours] our choice because no source states it.
 """
 
 from __future__ import annotations
