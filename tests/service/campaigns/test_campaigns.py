@@ -69,9 +69,10 @@ def ended(both: tuple[TestClient, Service], **how: Any) -> dict[str, Any]:
     return found
 
 
-def test_a_grid_over_element_sizes_takes_the_spacing_along(both: tuple[TestClient, Service]) -> None:
+def test_a_grid_over_element_sizes_takes_the_spacing_of_hard_points_along(both: tuple[TestClient, Service]) -> None:
     http, service = both
-    start(http, {"scenario": "line", "grid": {"tissue.element_size_mm": [6, 10]}})
+    hard = {"interaction": {"line_compliance": False}}
+    start(http, {"scenario": hard, "grid": {"tissue.element_size_mm": [6, 10]}})
     specs = [job.spec or {} for job in (service.store.claim(), service.store.claim()) if job is not None]
     assert sorted(spec["scenario"]["interaction"]["spacing_mm"] for spec in specs) == [6.0, 10.0]
 
