@@ -21,6 +21,7 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 
 from simcore.compiled import kernel
+from simcore.contact.line import free_rows
 
 if TYPE_CHECKING:
     from simcore.arrays import Flags, Floats, Ints
@@ -154,17 +155,6 @@ def next_mode(law: Law, element: int, mode: int, arc: float, force: float, later
     if k > 0 and arc > breaks[k - 1]:
         return mode - 1
     return mode
-
-
-@kernel
-def free_rows(free: Flags, w: Floats, matrix: Floats, right: Floats) -> None:
-    """Write the two lateral equations of each element (a,) that is free: it has no lateral force."""
-    for i in range(len(free)):
-        if free[i]:
-            for row in range(3 * i, 3 * i + 2):
-                matrix[row, :] = 0.0
-                matrix[row, row] = w[row, row]
-                right[row] = 0.0
 
 
 @kernel

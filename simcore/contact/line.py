@@ -28,12 +28,14 @@ SHORTEST_M = 1e-6  # a point that stands for less is as good as free
 
 class LineCoupling(NamedTuple):
     """What a run never changes. hard: shaft points lie on the shaft exactly, G = 0. compliance_m2_per_n: (3, 3) G,
-    world. free_tip: no lateral row at X_c. force_share_m_per_n: violation per force of the tolerances; a compliant row
-    is kept to either."""
+    world. free_tip: no lateral row at X_c. entry_m: length over which the entry holds a needle whose tip is hardly in,
+    its diameter: a bevel is no shorter. force_share_m_per_n: violation per force of the tolerances; a compliant row is
+    kept to either."""
 
     hard: bool
     compliance_m2_per_n: Floats
     free_tip: bool
+    entry_m: float
     force_share_m_per_n: float
 
 
@@ -60,6 +62,17 @@ def free_points(elements: Ints, *, contact: bool, free_tip: bool) -> Flags:
 
 
 @kernel
+def free_rows(free: Flags, w: Floats, matrix: Floats, right: Floats) -> None:
+    """Write the two lateral equations of each element (a,) that is free: it has no lateral force."""
+    for i in range(len(free)):
+        if free[i]:
+            for row in range(3 * i, 3 * i + 2):
+                matrix[row, :] = 0.0
+                matrix[row, row] = w[row, row]
+                right[row] = 0.0
+
+
+@kernel
 def add_line_gap(
     line: LineCoupling,
     elements: Ints,
@@ -76,7 +89,8 @@ def add_line_gap(
     for i in range(len(elements)):
         if elements[i] == 0:
             continue
-        line_compliance(line, points.frames[i], tributary[elements[i]], points.compliance[i])
+        length = max(tributary[elements[i]], least_length(line, elements[i]))
+        line_compliance(line, points.frames[i], length, points.compliance[i])
         compliance = points.compliance[i]
         for a in range(2):
             for b in range(2):
@@ -91,9 +105,14 @@ def add_line_gap(
 
 
 @kernel
-def line_compliance(line: LineCoupling, frame: Floats, tributary: float, out: Floats) -> None:
+def least_length(line: LineCoupling, element: int) -> float:
+    """m: what an element stands for at least; element 1 is the entry."""
+    return line.entry_m if element == 1 else SHORTEST_M
+
+
+@kernel
+def line_compliance(line: LineCoupling, frame: Floats, length: float, out: Floats) -> None:
     """Write out (3, 3) m/N, local: G / l across the shaft, and along it, which do not mix."""
-    length = max(tributary, SHORTEST_M)
     for a in range(3):
         for b in range(3):
             value = 0.0

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 from simcore.provenance import provenance
-from simcore.rollout.authority import authority_warnings
+from simcore.rollout.cautions import run_warnings
 from simcore.rollout.digest import digest
 
 if TYPE_CHECKING:
@@ -17,6 +17,7 @@ if TYPE_CHECKING:
 
 TIMES = ("plant_s", "jacobian_s", "command_s", "recording_s")  # clock readings of a step, s
 FRAMES = ("tissue_m", "tissue_frame_step")  # kept tissue states and their steps
+DERIVED = ("min_det_f_at_m", "max_strain", "entry_drag_m", "needle_stress_pa")  # from the states of both bodies
 
 
 @dataclass(frozen=True)
@@ -33,7 +34,7 @@ class Rollout:
 
     @property
     def success(self) -> bool:
-        """Completed, reached the end, never lost the target (see `metrics`)."""
+        """Followed the path to its end, with a needle below its yield stress (see `metrics`)."""
         return bool(self.metrics["success"])
 
     @property
@@ -42,9 +43,20 @@ class Rollout:
         return digest(self.series)
 
     @property
+    def held(self) -> dict[str, Any]:
+        """What of the tissue was held: faces, sets, regions, and the number of nodes in them."""
+        tissue = self.scenario.tissue
+        return {
+            "faces": list(tissue.held_faces),
+            "sets": list(tissue.fixed_sets),
+            "regions": [region.model_dump(mode="json") for region in tissue.fixed_regions],
+            "nodes": self.solver["held_nodes"],
+        }
+
+    @property
     def warnings(self) -> list[str]:
         """What the run showed that calls for a second look, beside what the scenario warns of."""
-        return authority_warnings(self.series, self.scenario.controller)
+        return run_warnings(self.series, self.scenario)
 
     def result(self) -> dict[str, Any]:
         """The content of result.json."""
@@ -54,6 +66,7 @@ class Rollout:
             "metrics": self.metrics,
             "timing": self.timing,
             "solver": self.solver,
+            "held": self.held,
             "digest": self.digest,
             "warnings": [*self.scenario.warnings(), *self.warnings],
             "provenance": provenance(self.scenario.resolved()),
