@@ -23,12 +23,12 @@ MEASURES = (  # field of VariantRow, title, unit
     ("lateral_mean_n", "mean of sum |λ lateral|", "N"),
 )
 TITLES = {
-    "mesh": "Mesh size, spacing = max(5 mm, h)",
-    "mesh_alone": "Mesh size, same spacing",
+    "mesh": "Mesh size",
     "beams": "Beams",
     "dt": "Time step",
     "spacing": "Spacing of the constraint points",
     "spread": "Radius over which a point force is spread",
+    "coupling": "Coupling along the needle: compliant with a free or a held tip, or hard points and a held tip",
     "faces": "Fixed faces",
     "tolerance": "Solver tolerance",
 }

@@ -1,7 +1,7 @@
 """The blocks of a scenario, field by field: with `controller_blocks` the only place where a default stands.
 
 Each field's description ends with the tag of its default: [paper] Perrusi et al. 2021, [cited] a published source,
-[ours] our choice because no source states it. A default never changes within a schema version.
+[ours] our choice because no source states it.
 """
 
 from __future__ import annotations
@@ -280,10 +280,7 @@ class Solver(Block):
     force_tolerance_n: Number = bounded(1e-5, 1e-12, 1e-2, "largest nodal force residual [ours]")
     violation_tolerance_mm: Number = bounded(1e-5, 1e-10, 1e-1, "largest constraint violation [ours]")
     max_iterations: Annotated[int, Field(strict=True)] = Field(
-        default=60,
-        ge=1,
-        le=10_000,
-        description="iterations of a step before it is a failure; 1 to 10000 [ours]",
+        default=60, ge=1, le=10_000, description="iterations of a step before it is a failure; 1 to 10000 [ours]"
     )
 
 

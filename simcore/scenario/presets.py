@@ -7,15 +7,15 @@ import json
 from typing import Any
 
 from simcore.errors import Problem, ScenarioError
-from simcore.scenario.rules import without_derived
+from simcore.scenario.point_rules import without_derived
 from simcore.scenario.scenario import Scenario
 
 _PRESETS: dict[str, tuple[str, dict[str, Any]]] = {
     "demo": (
-        "I-FEM, full depth, a bowed path on which the tissue visibly moves",
+        "I-FEM, full depth, an S to both sides on which the tissue visibly moves and a steel needle stays elastic",
         {
             "seed": 1,
-            "trajectory": {"kind": "sine", "target_mm": [18, 31, 122], "amplitude_mm": 3.0, "periods": 0.5},
+            "trajectory": {"kind": "sine", "target_mm": [18, 38, 122], "amplitude_mm": 2.0},
         },
     ),
     "line": (

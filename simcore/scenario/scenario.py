@@ -48,16 +48,14 @@ from simcore.scenario.controller_blocks import (
     SmallNetwork,
 )
 from simcore.scenario.controller_rules import CONDITIONS, training_warnings, with_file_digest
+from simcore.scenario.point_rules import separate_model, with_model_spacing, with_spacing
 from simcore.scenario.rules import (
     delay_steps,
     hold_problems,
     problems_between,
-    separate_model,
     steps_along,
     with_entry,
     with_mesh,
-    with_model_spacing,
-    with_spacing,
 )
 from simcore.scenario.validation import problems_of
 from simcore.trajectory import Path
