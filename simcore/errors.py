@@ -2,9 +2,18 @@
 
 from __future__ import annotations
 
+import tokenize
+import zipfile
+import zlib
 from dataclasses import dataclass
 from enum import StrEnum
 from typing import Any
+
+# What reading an .npz raises that was cut off or changed: of the archive, its compression, the headers of its arrays.
+ARCHIVE_ERRORS = (
+    OSError, EOFError, ValueError, KeyError, SyntaxError, NotImplementedError, tokenize.TokenError, zlib.error,
+    zipfile.BadZipFile,
+)  # fmt: skip
 
 
 class NeedlebenchError(Exception):

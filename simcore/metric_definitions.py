@@ -234,18 +234,21 @@ METRICS = (
     Metric(
         "solver.residual_max_n",
         "N",
-        "largest nodal force residual of a converged step",
+        "largest nodal force residual that a step left",
         0,
         1e-5,
-        "only with a larger solver.force_tolerance_n",
+        "only with a larger solver.force_tolerance_n, or with solver.mode = linearised",
     ),
     Metric(
         "solver.violation_max_m",
         "m",
-        "largest violation of a constraint in a converged step",
+        "largest violation of a constraint that a step left",
         0,
         1e-8,
-        "only with a larger solver.violation_tolerance_mm",
+        "only with a larger solver.violation_tolerance_mm, or with solver.mode = linearised",
+    ),
+    Metric(
+        "solver.held_nodes", "1", "nodes of the tissue that are held still", 3, 1e6, "never: such scenarios are refused"
     ),
 )
 

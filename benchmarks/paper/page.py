@@ -8,14 +8,14 @@ from typing import Any
 from jinja2 import Environment, FileSystemLoader, StrictUndefined
 
 from benchmarks.paper import figures, number_text
-from benchmarks.paper.evidence import CONTRADICTED, NOT_TESTABLE, REPRODUCED
+from benchmarks.paper.evidence import NOT_REPRODUCED, REPRODUCED, UNDECIDED
 from benchmarks.paper.table import ALL, BESIDE, GROUPS, REFERENCES, arm_name
 
 Json = dict[str, Any]
 
 TEMPLATES = Path(__file__).with_name("templates")
 ABSENT = "–"
-VERDICTS = {REPRODUCED: "✓", CONTRADICTED: "✕", NOT_TESTABLE: "○"}
+VERDICTS = {REPRODUCED: "✓", NOT_REPRODUCED: "✕", UNDECIDED: "○"}
 NOISE = {"off": "no target noise", "on": "with target noise"}
 
 

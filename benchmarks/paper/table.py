@@ -18,10 +18,12 @@ if TYPE_CHECKING:
 ALL = "ALL"
 TRAINING = "DATA"  # group of the data set's insertions, in no comparison
 GROUPS = ("LIN", "CUR")
-ARMS = ("ifem", "elm", "frozen", "linear", "neighbours", "mlp", "plugin", "replay", "open_loop", "rigid")
+QUIET_ARM = "elm_quiet"  # the ELM that was trained without target noise
+ARMS = ("ifem", "elm", QUIET_ARM, "frozen", "linear", "neighbours", "mlp", "plugin", "replay", "open_loop", "rigid")
 ARM_NAMES = {
     "ifem": "I-FEM",
     "elm": "ELM",
+    QUIET_ARM: "ELM trained without noise",
     "frozen": "frozen Jacobian",
     "linear": "linear regression",
     "neighbours": "nearest neighbours",

@@ -20,6 +20,10 @@ RESULTS = Path(__file__).parents[2] / "benchmarks" / "results"
 Row = dict[str, str]
 Json = dict[str, Any]
 
+VERDICTS = (  # of today's reports, and of those committed before there was a band
+    *("reproduced", "not reproduced under our assumptions", "contradicted"),
+    *("undecided", "not testable"),
+)
 UNDECIDED = "undecided; set by the weighting of the remote centre, which the paper leaves open"
 
 
@@ -128,7 +132,7 @@ def verdicts() -> str:
     """How many claims of the paper ended how, in one sentence."""
     claims = _json("paper/report.json")["claims"]
     counts = Counter("undecided" if claim["key"] == "cur" else claim["verdict"] for claim in claims)
-    parts = [f"{counts[verdict]} {verdict}" for verdict in ("reproduced", "contradicted", "undecided", "not testable")]
+    parts = [f"{counts[verdict]} {verdict}" for verdict in VERDICTS if counts[verdict]]
     return f"Of the {len(claims)} claims of the paper that were checked: {', '.join(parts[:-1])} and {parts[-1]}."
 
 

@@ -152,6 +152,7 @@ EXAMPLES: dict[str, dict[str, Any]] = {
     },
     "ProblemDetails": {
         "type": "about:blank",
+        "code": "scenario-invalid",
         "title": "Unprocessable Entity",
         "status": 422,
         "detail": "the scenario cannot be run: dt_s: " + _STEPS,

@@ -7,7 +7,7 @@ import json
 from dataclasses import dataclass
 from typing import Annotated, Any
 
-from pydantic import Field
+from pydantic import AfterValidator, Field
 
 from simcore.errors import NeedlebenchError, Problem, Status
 
@@ -19,6 +19,15 @@ INSERTION, TRAINING = KINDS = ("insertion", "training")  # one simulated inserti
 SUCCESS, MISSED = "success", "missed"  # outcomes of a job that finished; else a named status of its run
 OUTCOMES = (SUCCESS, MISSED, *(str(status) for status in Status if status is not Status.COMPLETED))
 
+
+def _printable(text: str) -> str:
+    """Line ends, control characters and marks of direction forge lists, logs and headers."""
+    if not text.isprintable():
+        raise ValueError("must be printable characters, without line ends and marks of direction")
+    return text
+
+
+Label = Annotated[str, Field(min_length=1, max_length=100), AfterValidator(_printable)]  # what people call a thing
 TimeLimit = Annotated[float, Field(strict=True, ge=1, le=86400, allow_inf_nan=False)]  # of a job, s
 TIME_LIMIT = "Most wall time of an attempt; null = an hour, or four times the estimate if that is longer."
 
@@ -48,6 +57,13 @@ class IllegalTransitionError(NeedlebenchError):
     def __init__(self, job_id: str, state: str, wanted: str) -> None:
         self.job_id, self.state, self.wanted = job_id, state, wanted
         super().__init__(f"job {job_id} is {state}: it cannot become {wanted}")
+
+
+class JobPinnedError(IllegalTransitionError):
+    """The job is pinned: it is kept until somebody unpins it."""
+
+    def __init__(self, job_id: str) -> None:
+        super().__init__(job_id, "pinned", "deleted")
 
 
 class KeyReusedError(NeedlebenchError):

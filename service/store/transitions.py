@@ -13,22 +13,37 @@ from service.store.job_queries import (
     END,
     EVENT,
     FILE_FIELDS,
+    HIGHEST,
+    LANES,
     MOVE,
     JobQueries,
     read,
     to_job,
 )
+from service.store.turns import Turns
 
 if TYPE_CHECKING:
-    from sqlalchemy import Connection
+    from collections.abc import Callable
+
+    from sqlalchemy import Connection, Engine
 
 
 class Transitions(JobQueries):
     """What changes the state of a job and logs it; `service.store.jobs` says when."""
 
+    def __init__(self, engine: Engine, *, now: Callable[[], float]) -> None:
+        super().__init__(engine, now=now)
+        self._turns = Turns()
+
     def _take(self, connection: Connection) -> Job | None:
-        row = connection.execute(CLAIM, {"now": self._now()}).one_or_none()
-        return None if row is None else to_job(row)
+        priority = connection.execute(HIGHEST).scalar_one_or_none()
+        if priority is None:
+            return None
+        oldest = {row.lane: row.oldest for row in connection.execute(LANES, {"of_priority": priority})}
+        lane = self._turns.choose(oldest)
+        row = connection.execute(CLAIM, {"now": self._now(), "of_seq": oldest[lane]}).one()
+        self._turns.serve(lane)
+        return to_job(row)
 
     def _end(self, connection: Connection, job: Job, outcome: Outcome) -> Job:
         values: dict[str, Any] = {

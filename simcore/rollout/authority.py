@@ -18,6 +18,7 @@ if TYPE_CHECKING:
     from simcore.scenario.controller_blocks import Controller
 
 AUTHORITY_FLOOR = 0.02  # a base that moves fifty times as far as the tip steers nothing
+WEAK = 0.05  # [ours] below it the base moves sideways more than twenty times as far as the tip
 AUTHORITY = ("rcm_authority", "rcm_sigma_min")  # of a series: derived from its states and therefore not digested
 
 
@@ -56,7 +57,7 @@ def lost_authority(authority: list[Floats]) -> str | None:
 
 
 def authority_warnings(series: Mapping[str, NDArray[Any]], controller: Controller) -> list[str]:
-    """A line for each direction that changes sign, and one where the smallest singular value is below the damping.
+    """A line for each direction that changes sign, and one where the smallest singular value is below WEAK.
 
     The rise just behind the entry, where no needle has authority, is not told; a run that never leaves it is.
     """
@@ -72,16 +73,15 @@ def authority_warnings(series: Mapping[str, NDArray[Any]], controller: Controlle
                 f"RCM authority: its {axis} component changes sign at a depth of {depth_mm[turned[0]]:.1f} mm: with "
                 "the remote centre kept, the tip moves the other way from there"
             )
-    damping = f"controller.damping = {controller.damping:g}"
-    reached = np.flatnonzero(sigma >= controller.damping)
+    reached = np.flatnonzero(sigma >= WEAK)
     if not reached.size:
         most = int(sigma.argmax())
         values = f"at most {sigma[most]:.2g}, at a depth of {depth_mm[most]:.1f} mm"
-        return [*told, f"RCM authority: its smallest singular value never reaches {damping} ({values})"]
+        return [*told, f"RCM authority: its smallest singular value never reaches {WEAK:g} ({values})"]
     first = int(reached[0])
-    if (lost := np.flatnonzero(sigma[first:] < controller.damping) + first).size:
+    if (lost := np.flatnonzero(sigma[first:] < WEAK) + first).size:
         least = first + int(sigma[first:].argmin())
         values = f"at least {sigma[least]:.2g}, at {depth_mm[least]:.1f} mm"
-        where = f"falls below {damping} at a depth of {depth_mm[lost[0]]:.1f} mm ({values})"
+        where = f"falls below {WEAK:g} at a depth of {depth_mm[lost[0]]:.1f} mm ({values})"
         told.append(f"RCM authority: its smallest singular value {where}: the tip is hardly steered sideways there")
     return told

@@ -37,6 +37,13 @@ def test_every_part_that_a_page_asks_for_is_there(name: str) -> None:
     assert program("page_tables").part(name).strip()
 
 
+def test_the_page_about_http_lists_every_kind_of_problem() -> None:
+    from service.api.problem_codes import CODES
+
+    page = shown_on("http_api.md")
+    assert [code for code in CODES if f"| `{code}` |" not in page] == []
+
+
 @pytest.mark.parametrize("name", ["nosuch", "parameters: nosuch", "metrics: nosuch", "help: nosuch"])
 def test_a_part_that_there_is_not_is_an_error(name: str) -> None:
     with pytest.raises(KeyError):

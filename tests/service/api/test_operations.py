@@ -186,7 +186,7 @@ def test_the_doctor_finds_a_newer_and_a_broken_database(tmp_path: Path) -> None:
     assert (newer.exit_code, "another version of needlebench" in newer.output) == (1, True)
     path.write_bytes(b"no database" * 100)
     broken = doctor("--data", str(tmp_path))
-    assert (broken.exit_code, "restore a copy" in broken.output) == (1, True)
+    assert (broken.exit_code, "is damaged" in broken.output) == (1, True)
 
 
 def test_the_doctor_finds_a_full_disk(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

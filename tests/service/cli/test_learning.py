@@ -203,9 +203,10 @@ def test_wrong_arguments_are_one_line(data: Path, arguments: list[str], message:
 
 
 def test_without_scikit_learn_the_mlp_says_what_to_install(data: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setitem(sys.modules, "sklearn.exceptions", None)
-    done = invoke("train", "--data", data, "--out", data.with_name("model.json"), "--kind", "mlp")
-    assert done.exit_code == 1
+    monkeypatch.setitem(sys.modules, "sklearn", None)
+    (missing := data.with_name("none.npz")).unlink(missing_ok=True)
+    done = invoke("train", "--data", missing, "--out", data.with_name("model.json"), "--kind", "mlp")
+    assert done.exit_code == 1  # before the data set is looked for
     assert "pip install 'needlebench[baselines]'" in done.output
 
 
