@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from pathlib import Path
 
 _SHORT, _LONG = 60, 1000  # connections; half as many streams
-_SPARE_DESCRIPTORS = 10
+_SPARE_DESCRIPTORS = 40  # the ten connections to the database that are kept hold three each
 _BEGINNINGS = (
     b"",
     b"GET /api/v1/jobs HTTP/1.1\r\nHost: {host}\r\nX-Half",

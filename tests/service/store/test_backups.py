@@ -131,13 +131,13 @@ def test_a_damaged_file_is_refused_with_the_newest_backup(store: Store, data: Pa
 
 
 def test_ends_of_jobs_count_once_they_are_published(store: Store, data: Path) -> None:
-    from service.store.job import SUCCEEDED, Outcome
+    from service.store.job import FINISHED, Outcome
 
     submit(store, 2)
     job = store.claim()
     assert job is not None
     before = acknowledged(data / DATABASE)
-    done, _ = store.exchange(job, Outcome(state=SUCCEEDED, result={}))
+    done, _ = store.exchange(job, Outcome(state=FINISHED, result={}))
     assert acknowledged(data / DATABASE) == before
     store.publish(done.id)
     assert acknowledged(data / DATABASE) == before + 3  # one begun, ended, the next begun
