@@ -6,7 +6,7 @@ from contextlib import asynccontextmanager
 from typing import TYPE_CHECKING, Any, cast
 
 import anyio.to_thread
-from fastapi import FastAPI
+from fastapi import Depends, FastAPI
 
 from service.api import openapi, problems
 from service.api.middleware.body_limit import BodyLimit
@@ -16,6 +16,7 @@ from service.api.middleware.head_requests import HeadAsGet
 from service.api.middleware.host_guard import HostGuard
 from service.api.middleware.key_guard import KeyGuard
 from service.api.middleware.request_log import RequestLog
+from service.api.ownership import check_owner
 from service.api.readiness import readings
 from service.api.routes import campaigns, events, jobs, keys, models, operations, results, schedules, system, uploads
 from service.version import installed_version
@@ -66,7 +67,7 @@ def create_app(service: Service) -> FastAPI:
     app.openapi = openapi.document_builder(app)  # type: ignore[method-assign]
     problems.install(app, page=site.problem)
     for part in (*ROUTES, *PAGES):
-        app.include_router(part.router)
+        app.include_router(part.router, dependencies=[Depends(check_owner)])
     app.state.every_route = [route for part in (*ROUTES, *PAGES) for route in part.router.routes]
     _guard(app, service)
     app.add_middleware(cast("Any", RequestLog), monitor=service.monitor)

@@ -144,6 +144,13 @@ class Settings(Section):
         high=1e9,
         rule="must be 0 or more",
     )
+    connections: int = setting(
+        2000,
+        "NEEDLEBENCH_MAX_CONNECTIONS",
+        "connections at a time; default 2000, fewer where the system allows fewer open files",
+        low=16,
+        high=100_000,
+    )
     keep_days: float | None = setting(
         None,
         "NEEDLEBENCH_KEEP_DAYS",

@@ -125,8 +125,8 @@ def _data(settings: Settings) -> Check:
 
 
 def _lock(settings: Settings) -> Check:
+    from service.files.endpoint import endpoint
     from service.files.lock import LockHeldError, file_lock
-    from service.server.endpoint import endpoint
 
     path = settings.data / "server.lock"
     if not path.exists():
@@ -169,7 +169,7 @@ def _database(settings: Settings) -> Check:
 def _port(settings: Settings) -> Check:
     import socket
 
-    from service.server.endpoint import endpoint
+    from service.files.endpoint import endpoint
 
     port = DEFAULT_PORT if settings.port is None else settings.port
     try:

@@ -71,6 +71,7 @@ class Campaign:
     created_at: float
     finished_at: float | None
     version: int
+    owner: str | None = None
 
     @property
     def terminal(self) -> bool:

@@ -55,6 +55,7 @@ def train_model(
     """Queue a job that learns from an uploaded data set, as `needlebench train` does. Its model is listed once the job
     has finished; the same request gives the same model, to the last bit."""
     service.refuse_when_closing()
+    request.state.caller.require_priority(body.priority)
     training = body.resolved()
     data = _data(service.uploads.find(body.data.removeprefix(SCHEME)), body.data)
     check_training(training, data, service.settings.limits)
