@@ -298,5 +298,7 @@ def test_the_commands_back_up_and_restore(store: Store, data: Path, tmp_path: Pa
     assert done.exit_code == 0, done.output
     assert "restored the state of" in done.stderr
     assert jobs_in(data) == 2
+    for path in (tmp_path / "kept", tmp_path / "kept" / DATABASE, data / DATABASE):
+        assert path.stat().st_mode & 0o077 == 0, path
     assert "is no backup" in invoke("restore", str(tmp_path)).stderr
     assert invoke("restore", "--as-it-is").exit_code == 0
