@@ -103,6 +103,7 @@ class Settings(Section):
     minimum_free_mb: room on the disk below which no job is started, units of 2^20 bytes.
     drain_s: how long running jobs may go on once the service was asked to end; then they go back into the queue.
     keep_days, keep_gb: once a day jobs that ended longer ago go, then the oldest until the rest fits; None = no rule.
+    backups: copies of the database, one a day, in the data folder [ours].
     runner: `module:function` that does a job in a worker process; tests replace it.
     """
 
@@ -163,6 +164,13 @@ class Settings(Section):
         "size above which the oldest ended jobs are; as --keep-gb",
         low=0,
         high=1_000_000,
+    )
+    backups: int = setting(
+        7,
+        "NEEDLEBENCH_BACKUPS",
+        "daily backups of the database that are kept, 0 for none; default 7",
+        low=0,
+        high=1000,
     )
     api_key: str | None = setting(
         None,

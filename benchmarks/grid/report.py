@@ -81,9 +81,9 @@ def _point(place: Mapping[str, Label], mine: Sequence[Row]) -> Json:
         "insertions": len(mine),
         "failed": sum(row.failed for row in mine),
         "success": sum(row.success for row in mine) / len(mine),
-        "median_mm": statistics.middle([row.rmse_mm for row in mine]),
-        "worst_error_mm": max(row.ranked("max_error_mm") for row in mine),
-        "max_force_n": max((row.metrics.get("max_insertion_force_n") or math.nan for row in mine), default=math.nan),
+        "median_mm": statistics.middle([row.rmse_commanded_mm for row in mine]),
+        "worst_error_mm": max(row.ranked("max_commanded_mm") for row in mine),
+        "max_force_n": max((row.metrics.get("max_push_n") or math.nan for row in mine), default=math.nan),
         "step_ms": statistics.middle(steps) if steps else math.nan,
     }
 

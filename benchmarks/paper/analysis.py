@@ -112,8 +112,8 @@ def scores(table: Sequence[Row]) -> list[Score]:
 
 def score(mine: Sequence[Row], open_loop: Sequence[Row], *, group: str) -> Score:
     """Of one controller's rows, of which there is at least one."""
-    errors = np.array([row.rmse_mm for row in mine])
-    worst = np.array([row.ranked("max_error_mm") for row in mine])
+    errors = np.array([row.rmse_commanded_mm for row in mine])
+    worst = np.array([row.ranked("max_commanded_mm") for row in mine])
     clusters = [row.end_point for row in mine]
     count, stable, success = len(mine), sum(row.stable for row in mine), sum(row.success for row in mine)
     close = int((worst <= CLOSE_MM).sum())
@@ -181,7 +181,7 @@ def box(errors: statistics.Vector) -> Box | None:
 
 def at_floor(members: Sequence[Row]) -> bool | None:
     """Whether every controller without feedback scores below the floor; None if none of them ran."""
-    medians = [statistics.middle([row.rmse_mm for row in only(members, arm=arm)]) for arm in REFERENCES]
+    medians = [statistics.middle([row.rmse_commanded_mm for row in only(members, arm=arm)]) for arm in REFERENCES]
     known = [median for median in medians if not math.isnan(median)]
     return all(median < FLOOR_MM for median in known) if known else None
 

@@ -59,7 +59,7 @@ class Comparison:
     floor: bool | None
 
 
-def pair_rows(first: Sequence[Row], second: Sequence[Row], metric: str = "rmse_mm") -> Pairs:
+def pair_rows(first: Sequence[Row], second: Sequence[Row], metric: str = "rmse_commanded_mm") -> Pairs:
     """Match rows by group, end point and direction; repeats of a path count as their median."""
     one, other = _by_path(first, metric), _by_path(second, metric)
     shared = sorted(one.keys() & other.keys())

@@ -5,6 +5,7 @@ It neither runs nor stores anything itself: `PaperPorts` provides whatever runs,
 
 from __future__ import annotations
 
+import math
 from collections import Counter
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, Protocol
@@ -155,7 +156,8 @@ def cases_to_record(outcomes: Sequence[Outcome], *, failed: int) -> list[Outcome
 
 
 def _rmse_mm(outcome: Outcome) -> float:
-    return float(outcome.result["metrics"]["rmse_mm"])
+    error = float(outcome.result["metrics"]["rmse_commanded_mm"])
+    return error if math.isfinite(error) else math.inf
 
 
 def cpu_seconds(outcomes: Iterable[Outcome]) -> float:

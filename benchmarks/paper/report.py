@@ -135,9 +135,15 @@ def notable_insertions(table: Sequence[Row], links: Mapping[str, str]) -> list[J
     for case_id, why in reasons.items():
         row = known[case_id]
         named = {name: getattr(row, name) for name in ("id", "group", "arm", "young", "noise", "status", "digest")}
-        error = row.metrics.get("max_error_mm")
+        error = row.metrics.get("max_commanded_mm")
         insertions.append(
-            {**named, "why": why, "rmse_mm": row.rmse_mm, "max_error_mm": error, "link": links.get(case_id)}
+            {
+                **named,
+                "why": why,
+                "rmse_commanded_mm": row.rmse_commanded_mm,
+                "max_commanded_mm": error,
+                "link": links.get(case_id),
+            }
         )
     return insertions
 

@@ -60,9 +60,9 @@ class Row:
         return not self.stable
 
     @property
-    def rmse_mm(self) -> float:
+    def rmse_commanded_mm(self) -> float:
         """The paper's RMSE; a failure ranks behind everything."""
-        return self.ranked("rmse_mm")
+        return self.ranked("rmse_commanded_mm")
 
     @property
     def pair(self) -> tuple[str, str, str]:

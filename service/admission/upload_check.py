@@ -10,7 +10,9 @@ import json
 import struct
 import subprocess
 import sys
+import tokenize
 import zipfile
+import zlib
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -127,7 +129,7 @@ def _check_shape(archive: zipfile.ZipFile, member: zipfile.ZipInfo) -> None:
             read = {(1, 0): npy.read_array_header_1_0, (2, 0): npy.read_array_header_2_0}[version]
             shape, _, dtype = read(file)
             start = file.tell()
-    except (ValueError, KeyError, SyntaxError) as error:
+    except (ValueError, KeyError, SyntaxError, tokenize.TokenError, zlib.error) as error:
         raise UnusableUploadError(f"its {name} is not an array: {str(error)[:100]}") from None
     if dtype.hasobject:
         raise UnusableUploadError(f"its {name} holds Python objects (a pickle), which are never loaded")

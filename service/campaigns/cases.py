@@ -34,9 +34,9 @@ class CaseResult:
     outcome: str
     message: str
     success: bool | None
-    rmse_mm: float | None
-    max_error_mm: float | None
-    final_error_mm: float | None
+    rmse_commanded_mm: float | None
+    max_commanded_mm: float | None
+    final_same_time_mm: float | None
     step_ms: float | None
     digest: str | None
 
@@ -55,9 +55,9 @@ class CaseResult:
             outcome=_outcome(case),
             message=case.error or result.get("message") or "",
             success=metrics.get("success"),
-            rmse_mm=metrics.get("rmse_mm"),
-            max_error_mm=metrics.get("max_error_mm"),
-            final_error_mm=metrics.get("final_error_mm"),
+            rmse_commanded_mm=metrics.get("rmse_commanded_mm"),
+            max_commanded_mm=metrics.get("max_commanded_mm"),
+            final_same_time_mm=metrics.get("final_same_time_mm"),
             step_ms=((result.get("timing") or {}).get("plant") or {}).get("median_ms"),
             digest=result.get("digest"),
         )
@@ -76,9 +76,9 @@ _FIELDS: dict[Column, str] = {
     "case": "case_id",
     "state": "state",
     "outcome": "outcome",
-    "rmse": "rmse_mm",
-    "max": "max_error_mm",
-    "final": "final_error_mm",
+    "rmse": "rmse_commanded_mm",
+    "max": "max_commanded_mm",
+    "final": "final_same_time_mm",
     "step": "step_ms",
 }
 
@@ -114,7 +114,7 @@ def scores(table: Sequence[Row]) -> list[Score]:
 
 
 def _score(group: str, controller: str, rows: Sequence[Row]) -> Score:
-    errors = sorted(row.rmse_mm for row in rows)
+    errors = sorted(row.rmse_commanded_mm for row in rows)
     return Score(
         group=group,
         controller=controller,

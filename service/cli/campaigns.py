@@ -118,7 +118,7 @@ def run(
         _save(client, done, options["csv_file"], options["report_file"])
         print_scores(client.campaign_results(done.id))
         worse = print_trend(client, done)
-        lost = done.cases - done.jobs.get("succeeded", 0)
+        lost = done.cases - done.jobs.get("finished", 0)
         if lost:
             click.echo(f"{lost} of {done.cases} jobs have no result", err=True)
         if lost or (worse and options["fail_on_regression"]):

@@ -87,7 +87,7 @@ def _read(source: str, changes: tuple[str, ...]) -> Any:
 
 
 @click.command()
-@click.option("--state", metavar="STATE", help="Only queued, running, succeeded, failed, cancelled or timed_out.")
+@click.option("--state", metavar="STATE", help="Only queued, running, finished, failed, cancelled or timed_out.")
 @click.option("--limit", type=click.IntRange(1, 10_000), default=20, show_default=True, help="Most jobs listed.")
 @click.option("--json", "as_json", is_flag=True, help="One JSON object per line.")
 @url_option
@@ -135,7 +135,7 @@ def retry(job_id: str, url: str | None) -> None:
 
 
 def _line(job: JobStatus) -> str:
-    rmse = (job.metrics or {}).get("rmse_mm")
+    rmse = (job.metrics or {}).get("rmse_commanded_mm")
     outcome = f"rmse {rmse:.3f} mm" if isinstance(rmse, float) else (job.error or {}).get("kind", "")
     share = f"{100 * job.progress.fraction:3.0f} %"
     return f"{job.id}  {job.created_at[:19]}  {job.state:<10} {share}  {job.name}  {outcome}".rstrip()
@@ -146,7 +146,7 @@ def _print_end(client: Client, job: JobStatus) -> None:
         click.echo(f"{job.state}: {job.error['message']}", err=True)
     for name, value in (job.metrics or {}).items():
         click.echo(f"  {name:<28}{value:.6g}" if isinstance(value, float) else f"  {name:<28}{value}")
-    if (recording := job.raw["links"]["recording"]) and job.state == "succeeded":
+    if (recording := job.raw["links"]["recording"]) and job.state == "finished":
         click.echo(f"recording: {client.url}{recording}")
 
 

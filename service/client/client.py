@@ -55,7 +55,7 @@ class Client(CampaignCalls, ModelCalls, UploadCalls):
         with Client("http://127.0.0.1:8321") as client:
             job = client.submit({"tissue": {"young_kpa": 3.0}})
             job = client.wait(job.id, progress=lambda now: print(f"{now.state} {now.progress.fraction:.0%}"))
-            print(job.success, client.metrics(job.id)["metrics"]["rmse_mm"])
+            print(job.success, client.metrics(job.id)["metrics"]["rmse_commanded_mm"])
             client.recording(job.id, Path("softer.rrd"))
     """
 
@@ -196,7 +196,7 @@ class Client(CampaignCalls, ModelCalls, UploadCalls):
 
     def train_model(self, data: str, *, kind: str = "elm", **settings: Any) -> JobStatus:
         """Queue a training on the data set that `data` names, artefact:ID. settings: those of its kind, split, samples,
-        name, priority, timeout_s. The model of the job that succeeded is `model(job.metrics["model"])`."""
+        name, priority, timeout_s. The model of the job that finished is `model(job.metrics["model"])`."""
         return JobStatus.of(self._json("POST", "/api/v1/models/train", json={"data": data, "kind": kind, **settings}))
 
     def delete(self, job_id: str) -> None:

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any, Self
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
-TERMINAL = frozenset({"succeeded", "failed", "cancelled", "timed_out"})
+TERMINAL = frozenset({"finished", "failed", "cancelled", "timed_out"})
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -65,7 +65,7 @@ class JobStatus:
     def success(self) -> bool:
         """Whether the run completed and met its own definition of success; a training, whether there is a model."""
         achieved = "model" if self.kind == "training" else "success"
-        return self.state == "succeeded" and bool((self.metrics or {}).get(achieved))
+        return self.state == "finished" and bool((self.metrics or {}).get(achieved))
 
 
 @dataclass(frozen=True, kw_only=True)

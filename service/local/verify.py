@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from service.files.strict_json import without_nan
 from service.files.upload_names import SCHEME, UPLOAD_ID
-from simcore.errors import NeedlebenchError
+from simcore.errors import ARCHIVE_ERRORS, NeedlebenchError
 from simcore.file_names import NoSuchFileError, names_mean
 from simcore.provenance import provenance
 
@@ -204,7 +204,7 @@ def load_series(path: Path) -> dict[str, NDArray[Any]] | None:
     if not path.is_file():
         return None
     try:
-        with np.load(path, allow_pickle=False) as file:
+        with path.open("rb") as opened, np.load(opened, allow_pickle=False) as file:
             return {name: file[name] for name in file.files}
-    except (OSError, ValueError, EOFError) as error:
+    except ARCHIVE_ERRORS as error:
         raise CannotVerifyError(f"{path} cannot be read: {error}") from None

@@ -21,6 +21,7 @@ from service.files.private import private_files, private_folder
 from service.server.uvicorn_overrides import Server
 from service.settings import DEFAULT_PORT, Settings, url_of
 from service.store.errors import DatabaseError
+from simcore import plugins
 from simcore.errors import NeedlebenchError
 
 if TYPE_CHECKING:
@@ -47,6 +48,7 @@ def serve(settings: Settings, *, announce: Callable[[str], None], until_stdin_cl
     that holds the other end of standard input. Raises ServiceStartError, SettingsError, ForeignDatabaseError.
     """
     settings.check_exposure()
+    plugins.note_installed()
     _share_arenas()
     with contextlib.ExitStack() as stack:
         with _data_folder_errors(settings.data):

@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING, Any
 from sqlalchemy import Connection, Engine, create_engine, event
 
 from service.files.private import private_file, private_folder
+from service.store.integrity import check_whole
 from service.store.schema import REVISION
 from simcore.errors import NeedlebenchError
 
@@ -34,12 +35,16 @@ class ForeignDatabaseError(NeedlebenchError):
 
 
 def open_database(path: Path, *, now: Callable[[], float] = time.time) -> Engine:
-    """An engine on the SQLite file at `path`, upgraded to the newest tables. Raises ForeignDatabaseError.
+    """An engine on the SQLite file at `path`, upgraded to the newest tables.
+
+    Raises ForeignDatabaseError, and DamagedDatabaseError for one that is not whole; neither changes anything.
 
     Before an upgrade the file is copied to the folder `backups` beside it. now: UTC seconds since 1970.
     """
     private_folder(path.parent)
     private_file(path)  # SQLite gives its log the same permissions
+    if path.stat().st_size:
+        check_whole(path)
     engine = create_engine(
         f"sqlite:///{path}",
         json_serializer=partial(json.dumps, allow_nan=False),

@@ -11,7 +11,7 @@ from pydantic import AfterValidator, Field
 
 from simcore.errors import NeedlebenchError, Problem
 
-QUEUED, RUNNING, SUCCEEDED = "queued", "running", "succeeded"
+QUEUED, RUNNING, FINISHED = "queued", "running", "finished"
 FAILED, CANCELLED, TIMED_OUT = "failed", "cancelled", "timed_out"
 
 INSERTION, TRAINING = KINDS = ("insertion", "training")  # one simulated insertion; one model learned from a data set
@@ -30,15 +30,13 @@ TIME_LIMIT = "Most wall time of an attempt; null = an hour, or four times the es
 
 LEGAL: dict[str, frozenset[str]] = {
     QUEUED: frozenset({RUNNING, CANCELLED}),
-    RUNNING: frozenset({SUCCEEDED, FAILED, CANCELLED, TIMED_OUT, QUEUED}),
-    SUCCEEDED: frozenset(),
+    RUNNING: frozenset({FINISHED, FAILED, CANCELLED, TIMED_OUT, QUEUED}),
+    FINISHED: frozenset(),
     FAILED: frozenset({QUEUED}),
     CANCELLED: frozenset({QUEUED}),
     TIMED_OUT: frozenset({QUEUED}),
 }
-TERMINAL = frozenset(
-    {SUCCEEDED, FAILED, CANCELLED, TIMED_OUT}
-)  # nothing happens to it unless somebody asks for a retry
+TERMINAL = frozenset({FINISHED, FAILED, CANCELLED, TIMED_OUT})  # nothing happens to it unless somebody asks for a retry
 MAXIMUM_CRASHES = 3  # deaths of its worker that a job is forgiven, less one
 SUSPECT_DEATHS = 3  # of the whole server while a job ran, from which on it waits until nothing else is queued
 MAXIMUM_DEATHS = 10  # of the whole server while a job ran, after which they are laid to the job

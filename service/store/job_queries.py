@@ -27,10 +27,10 @@ from service.store import schema
 from service.store.campaign import RUNNING as CAMPAIGN_RUNNING
 from service.store.job import (
     CRASHED,
+    FINISHED,
     INSERTION,
     QUEUED,
     RUNNING,
-    SUCCEEDED,
     TERMINAL,
     Artefact,
     Event,
@@ -178,11 +178,11 @@ class JobQueries(Transactions):
             return set(connection.execute(select(JOB.c.id)).scalars())
 
     def step_s(self) -> float | None:
-        """Time of a step by the last jobs that succeeded: median of their wall times; None before the first."""
+        """Time of a step by the last jobs that finished: median of their wall times; None before the first."""
         wall = (JOB.c.finished_at - JOB.c.started_at) / JOB.c.steps
         query = (
             select(wall)
-            .where(JOB.c.state == SUCCEEDED, JOB.c.steps > 0, JOB.c.kind == INSERTION)
+            .where(JOB.c.state == FINISHED, JOB.c.steps > 0, JOB.c.kind == INSERTION)
             .order_by(JOB.c.seq.desc())
             .limit(50)
         )

@@ -10,7 +10,6 @@ from sqlalchemy import Engine, delete, insert, update
 
 from service.settings import Limits
 from service.store import schema
-from service.store.database import sync
 from service.store.job import (
     CANCELLED,
     CRASHED,
@@ -179,7 +178,7 @@ class Store(Transitions):
     def publish(self, *job_ids: str) -> None:
         """Bring what was committed to the disk and tell who waits for these jobs. Raises OSError."""
         try:
-            sync(self._engine)
+            self._sync()
         finally:
             self.notify(*job_ids)
 

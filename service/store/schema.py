@@ -25,7 +25,7 @@ from sqlalchemy import (
 )
 
 REVISION = "owners_and_lanes"  # of the newest migration
-STATES = ("queued", "running", "succeeded", "failed", "cancelled", "timed_out")
+STATES = ("queued", "running", "finished", "failed", "cancelled", "timed_out")
 
 metadata = MetaData(
     naming_convention={
@@ -70,7 +70,7 @@ job = Table(
     Column("owner", String(32)),  # the API key that submitted it; null where none was asked for
     Column("kind", String(16), nullable=False, server_default="insertion"),  # what its worker does: `jobs.KINDS`
     Column("lane", String(70), nullable=False, server_default="/"),  # owner/campaign: those of a priority take turns
-    CheckConstraint("state IN ('queued', 'running', 'succeeded', 'failed', 'cancelled', 'timed_out')", name="state"),
+    CheckConstraint("state IN ('queued', 'running', 'finished', 'failed', 'cancelled', 'timed_out')", name="state"),
     sqlite_autoincrement=True,
 )
 Index(

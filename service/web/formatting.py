@@ -11,7 +11,7 @@ ABSENT = "–"
 STATES = {
     "queued": "waiting",
     "running": "running",
-    "succeeded": "succeeded",
+    "finished": "finished",
     "failed": "failed",
     "cancelled": "cancelled",
     "timed_out": "timed out",

@@ -16,7 +16,7 @@ from service.api.schemas.jobs import ArtefactView, EventView, JobRequest, JobSum
 from service.campaigns.overview import overviews
 from service.display import flat
 from service.store.campaign import RUNNING as CAMPAIGN_RUNNING
-from service.store.job import QUEUED, SUCCEEDED, TERMINAL, Job, UnknownJobError
+from service.store.job import FINISHED, QUEUED, TERMINAL, Job, UnknownJobError
 from service.store.models import UnknownModelError
 from service.store.paging import read_page
 from service.web.form import scenario_form
@@ -54,7 +54,7 @@ def get_jobs(
         wanted=state,
         counts=service.store.counts(),
         campaigns=_running_campaigns(service),
-        retriable=TERMINAL - {SUCCEEDED},
+        retriable=TERMINAL - {FINISHED},
     )
 
 
@@ -146,7 +146,7 @@ def get_job(job_id: JobId, request: Request, service: ServiceOf) -> Response:
         "job.html",
         job=view,
         terminal=job.terminal,
-        retriable=job.state in TERMINAL - {SUCCEEDED},
+        retriable=job.state in TERMINAL - {FINISHED},
         campaign=service.campaigns.of_jobs([job.id]).get(job.id),
         waiting_reason=_waiting_reason(service, job) if job.state == QUEUED else "",
         course=service.engine.trace(job),
@@ -179,6 +179,6 @@ def _drawable(job: Job, view: JobView, files: set[str]) -> dict[str, bool]:
     recorded = (view.scenario or {}).get("recording", {}).get("enabled", False)
     return {
         "recorded": recorded and ("recording.rrd" in files or not job.terminal),
-        "plotted": "series.npz" in files and job.state == SUCCEEDED,
+        "plotted": "series.npz" in files and job.state == FINISHED,
         "plot_at_once": job.steps <= _PLOTTED,
     }

@@ -23,3 +23,11 @@ def single_worker_pool(initializer: Callable[..., None], *arguments: Any) -> peb
         initargs=arguments,
         context=multiprocessing.get_context("spawn"),
     )
+
+
+def living_workers(pool: pebble.ProcessPool) -> set[int]:
+    """The process ids of a pool's workers that it believes to live.
+
+    A worker that ended with exit code 0 is replaced without a word, and its task is never answered.
+    """
+    return set(pool._pool_manager.worker_manager.workers)  # noqa: SLF001  (no public way)

@@ -25,13 +25,17 @@ from service.blas_threads import one_thread
 from service.files.lock import file_lock
 from service.worker.attempt import execute, resolve
 from service.worker.failures import described
-from service.worker.pebble_overrides import single_worker_pool
+from service.worker.guard import lead_group
+from service.worker.memory import group_mb
+from service.worker.pebble_overrides import living_workers, single_worker_pool
+from service.worker.processes import Process, descendants, end_process, session_members
 from simcore.errors import NeedlebenchError
 
 if TYPE_CHECKING:
     from service.worker.specs import AttemptReport, InsertionSpec, TrainingSpec
 
 _PR_SET_PDEATHSIG = 1
+_ANSWER_S = 1.0  # that the pool takes from the end of a process to the answer about it, at most
 
 
 class WorkerDiedError(NeedlebenchError):
@@ -51,6 +55,7 @@ class WorkerProcess:
         self._runner, self._warm_lock = runner, warm_lock
         self._pool: pebble.ProcessPool | None = None
         self._pending: Future[Any] | None = None
+        self._group: set[Process] = set()  # seen while it ran, wherever they went since
         self.pid: int | None = None
         self.starts = 0
 
@@ -78,7 +83,7 @@ class WorkerProcess:
             if self._pending is None or not self.wait(timeout_s):
                 return False
             self.pid = self._take_answer()
-        if not self.alive:
+        if not self.alive or self._replaced:
             raise WorkerDiedError("the worker process died while it had nothing to do")
         return True
 
@@ -101,9 +106,24 @@ class WorkerProcess:
         assert self._pending is not None, "nothing was sent"
         if wait([self._pending], timeout=timeout_s).done:
             return True
-        if not self.alive:
-            raise WorkerDiedError("its worker process died")
+        if not self.alive or self._replaced:
+            if wait([self._pending], timeout=_ANSWER_S).done:
+                return True
+            raise WorkerDiedError("its worker process ended (exit code 0)" if self.alive else "its worker process died")
         return False
+
+    @property
+    def _replaced(self) -> bool:
+        """Whether the pool has another process by now than the one that was warm."""
+        return self._pool is not None and self.pid is not None and self.pid not in living_workers(self._pool)
+
+    def held_mb(self) -> float | None:
+        """Memory of the worker and of all that its attempt has started, MB (10^6 bytes); None where nobody says."""
+        if self.pid is None:
+            return None
+        started = descendants(self.pid)
+        self._group = {one for one in self._group if one not in started} | set(started)
+        return group_mb(self.pid, (one.pid for one in started))
 
     def collect(self) -> AttemptReport:
         """What an attempt that has ended left. Raises WorkerDiedError, with the signal or exit code."""
@@ -111,11 +131,22 @@ class WorkerProcess:
         return report
 
     def kill(self) -> None:
-        """End the process, and what it is at: SIGTERM, and SIGKILL after 0.2 s. On return it is gone."""
-        pool, self._pool, self._pending, self.pid = self._pool, None, None, None
-        if pool is not None:
-            pool.stop()  # type: ignore[no-untyped-call]
-            pool.join()
+        """End the process, and what it is at: SIGTERM, and SIGKILL after 0.2 s; then whatever it had started.
+
+        On return they are gone.
+        """
+        pool, self._pool, self._pending = self._pool, None, None
+        pid, self.pid = self.pid, None
+        group, self._group = self._group, set()
+        if pool is None:
+            return
+        if pid is not None:
+            group |= set(descendants(pid))
+        pool.stop()  # type: ignore[no-untyped-call]
+        pool.join()
+        if pid is not None:
+            for process in group.union(session_members(pid)):
+                end_process(process)
 
     def _take_answer(self) -> Any:
         assert self._pending is not None, "nothing was sent"
@@ -151,11 +182,12 @@ def _warm(runner: str, lock: str) -> int:
 
 
 def _prepare(parent: int) -> None:
-    """First thing in a worker: never outlive the service, however that ends."""
+    """First thing in a worker: never outlive the service, however that ends, and lead a group of its own."""
     if sys.platform == "linux":
         ctypes.CDLL(None, use_errno=True).prctl(_PR_SET_PDEATHSIG, signal.SIGKILL)
         if os.getppid() != parent:  # it died before we asked
             os._exit(1)
+    lead_group()
     threading.Thread(target=_die_with_parent, name="parent-watch", daemon=True).start()
 
 

@@ -16,6 +16,13 @@ MAXIMUM_SETTINGS = 100_000  # characters of a plug-in's settings as JSON
 DELAY = bounded(
     0.0, 0.0, 1.0, "s from a command's making to its execution, a multiple of dt_s; the robot holds the last one [ours]"
 )
+DIRECTION_SPEED = bounded(
+    300.0,
+    1.0,
+    1e5,
+    "largest speed that one singular direction of J may ask of the base, less for weak ones; rotations by the lever "
+    "arm: selectively damped least squares [ours; rule cited]",
+)
 
 BasePose = tuple[Number, Number, Number, Number, Number, Number, Number]
 Sha256 = Annotated[str, StringConstraints(pattern=r"^[0-9a-f]{64}$")]
@@ -63,7 +70,7 @@ class InverseFem(Block):
         description="rcm = by the remote-centre rows, axis = the base's axis through the entry, its position by the "
         "three tip rows alone; rcm_gain and rcm_weight then do nothing [ours]",
     )
-    damping: Number = bounded(0.05, 1e-4, 10.0, "d of J^T (J J^T + d^2 I)^-1, dimensionless [ours]")
+    direction_speed_mm_s: Number = DIRECTION_SPEED
     lever_arm_mm: Number = bounded(
         100.0, 1.0, 1000.0, "length that makes rotations comparable with translations [ours]"
     )
@@ -145,7 +152,7 @@ class FrozenJacobian(Block):
     kind: Literal["frozen"] = Field(default="frozen", description=KINDS)
     depth_mm: Number = bounded(80.0, 1.0, 1000.0, "depth at which J was taken, at most the path's [ours]")
     gain: Number = bounded(1.0, 0.0, 2.0, "k of the tip error [ours]")
-    damping: Number = bounded(0.05, 1e-4, 10.0, "d of J^T (J J^T + d^2 I)^-1, dimensionless [ours]")
+    direction_speed_mm_s: Number = DIRECTION_SPEED
     model: SeparateModel = Field(
         default=SeparateModel(), description="tissue of the insertion that J comes from [ours]"
     )

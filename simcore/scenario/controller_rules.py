@@ -69,12 +69,13 @@ def pose_problems(controller: Controller) -> list[Problem]:
 
 
 def plugin_problems(controller: Controller) -> list[Problem]:
-    """A plug-in that is not installed."""
+    """A plug-in that is not installed, or that this process cannot use as it is installed now."""
     if not isinstance(controller, Plugin):
         return []
     known = plugins.installed()
     if controller.name in known:
-        return []
+        problem = plugins.problem_of(controller.name)
+        return [] if problem is None else [Problem("controller.name", controller.name, problem)]
     there = f"installed: {', '.join(known)}" if known else "none is installed; see: needlebench example controller"
     return [Problem("controller.name", controller.name, f"is no controller of the group {plugins.GROUP}; {there}")]
 

@@ -19,6 +19,7 @@ from simcore.scenario.blocks import (
     Interaction,
     Needle,
     SineTrajectory,
+    Solver,
     Still,
     StraightTrajectory,
     Tissue,
@@ -36,6 +37,7 @@ def problems_between(
     trajectory: StraightTrajectory,
     motion: Still | Breathing,
     controller: Controller,
+    solver: Solver,
     dt_s: float,
 ) -> list[Problem]:
     """All that is wrong between the fields of a scenario whose fields are each in range."""
@@ -49,6 +51,7 @@ def problems_between(
         *_motion_problems(motion),
         *pose_problems(controller),
         *_delay_problems(controller, dt_s),
+        *_derivative_problems(controller, solver),
         *_model_problems(controller, tissue),
         *plugin_problems(controller),
     ]
@@ -226,6 +229,16 @@ def _delay_problems(controller: Controller, dt_s: float) -> list[Problem]:
         return []
     allowed = f"must be a multiple of dt_s = {dt_s:g} s, from 0 to 1 s; the nearest is {nearest_s:g}"
     return [Problem("controller.delay_s", controller.delay_s, allowed)]
+
+
+def _derivative_problems(controller: Controller, solver: Solver) -> list[Problem]:
+    """The exact Jacobian differentiates equations that a linearised step does not fulfil."""
+    if solver.mode == "converged" or not isinstance(controller, InverseFem):
+        return []
+    if (controller.jacobian, controller.derivative) != ("constraint", "exact"):
+        return []
+    allowed = "must be fast with solver.mode = linearised: it differentiates a converged step"
+    return [Problem("controller.derivative", controller.derivative, allowed)]
 
 
 def _with_spacing(model: SeparateModel, interaction: Interaction, tissue: Tissue) -> SeparateModel:

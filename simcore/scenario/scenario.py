@@ -114,6 +114,9 @@ class Scenario(Block):
     noise_mm: Number = bounded(
         0.0, 0.0, 5.0, "uniform noise of the target per axis, redrawn every 10 ms [paper: 0.25 in training]"
     )
+    success_mm: Number = bounded(
+        2.0, 0.01, 50.0, "success needs the tip this near to the end of the path after the last step [ours]"
+    )
     tissue: Tissue = Field(default=Tissue(), description="the soft block")
     needle: Needle = Field(default=Needle(), description="the flexible tube that the robot holds")
     interaction: Interaction = Field(default=Interaction(), description="forces between needle and tissue")
@@ -121,7 +124,7 @@ class Scenario(Block):
     motion: Motion = Field(default=Still(), description="how the held nodes of the tissue move")
     robot: Robot = Field(default=Robot(), description="speed limits of the needle's base")
     controller: Controller = Field(default=InverseFem(), description="what steers the base")
-    solver: Solver = Field(default=Solver(), description="when a step counts as converged")
+    solver: Solver = Field(default=Solver(), description="how a step is solved")
     recording: Recording = Field(default=Recording(), description="what is kept for looking at")
 
     @model_validator(mode="before")
@@ -149,6 +152,7 @@ class Scenario(Block):
             trajectory=self.trajectory,
             motion=self.motion,
             controller=self.controller,
+            solver=self.solver,
             dt_s=self.dt_s,
         )
         if problems:

@@ -223,6 +223,26 @@ def test_a_full_disk_is_refused_before_anything_is_made(tmp_path: Path, monkeypa
     assert not list(tmp_path.iterdir())
 
 
+def test_whatever_is_needed_is_looked_at_before_anything_is_made(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def refused(*more: str) -> str:
+        done = CliRunner().invoke(main, ["paper", "--scale", "smoke", "--out", str(tmp_path / "run"), *more])
+        assert done.exit_code in (1, 2)
+        assert not list(tmp_path.iterdir())
+        return done.stderr
+
+    with monkeypatch.context() as patch:
+        patch.setattr("service.local.paper_run.available_mb", lambda: 1000.0)
+        assert "--workers = 64: need about 22400 MB of memory, 1000 MB are available" in refused("--workers", "64")
+    with monkeypatch.context() as patch:
+        patch.setitem(sys.modules, "sklearn", None)
+        assert "training the mlp needs scikit-learn: pip install" in refused()
+    with monkeypatch.context() as patch:
+        patch.setattr(os, "access", lambda *_: False)
+        assert "is not writable for this user" in refused()
+
+
 # ---- the command
 
 

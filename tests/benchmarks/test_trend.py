@@ -15,7 +15,7 @@ BASE = Point(0.0, "a", "cpu", dict.fromkeys(CASES, 0.1), dict.fromkeys(CASES, "d
 
 def shifted(by_mm: float, cases: list[str]) -> Point:
     errors = {case: 0.1 + (by_mm if case in cases else 0.0) for case in CASES}
-    return replace(BASE, rmse_mm=errors, digests={c: "e" if c in cases else "d" for c in CASES})
+    return replace(BASE, rmse_commanded_mm=errors, digests={c: "e" if c in cases else "d" for c in CASES})
 
 
 def test_the_first_run_is_no_regression() -> None:
@@ -39,7 +39,9 @@ def test_accuracy_is_judged_by_pairs(by_mm: float, cases: list[str], mark: Mark)
 
 
 def test_a_failure_is_worse_than_any_error_and_two_failures_are_a_tie() -> None:
-    failed = replace(BASE, rmse_mm=dict.fromkeys(CASES, math.inf), digests=dict.fromkeys(CASES, "e"), successes=0)
+    failed = replace(
+        BASE, rmse_commanded_mm=dict.fromkeys(CASES, math.inf), digests=dict.fromkeys(CASES, "e"), successes=0
+    )
     assert judge(failed, [BASE]).accuracy is Mark.WORSE
     assert judge(failed, [BASE]).success is Mark.WORSE
     assert judge(replace(failed, digests=dict.fromkeys(CASES, "f")), [failed]).accuracy is Mark.SAME

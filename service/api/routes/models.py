@@ -53,7 +53,7 @@ def train_model(
     idempotency_key: IdempotencyKey = None,
 ) -> JobView:
     """Queue a job that learns from an uploaded data set, as `needlebench train` does. Its model is listed once the job
-    has succeeded; the same request gives the same model, to the last bit."""
+    has finished; the same request gives the same model, to the last bit."""
     service.refuse_when_closing()
     request.state.caller.require_priority(body.priority)
     training = body.resolved()

@@ -21,7 +21,7 @@ from service.api.schemas.jobs import ArtefactList, ArtefactView, MetricsView
 from service.api.served_file import check_intact, served_file
 from service.files import series_formats as series
 from service.logs import LOG
-from service.store.job import INSERTION, SUCCEEDED, Artefact, Job
+from service.store.job import FINISHED, INSERTION, Artefact, Job
 from simcore.errors import Problem
 
 router = APIRouter()
@@ -96,6 +96,8 @@ def get_series(
         if wanted == "csv":
             return Response(series.as_csv(arrays), media_type="text/csv")
         return Response(series.as_json(arrays), media_type="application/json")
+    except series.DamagedSeriesError as error:
+        raise HttpError(404, f"series.npz of job {job_id} {error}") from None
     except ValueError as error:
         raise HttpError(422, str(error), errors=[Problem("names", names, str(error))]) from None
 
@@ -203,7 +205,7 @@ def _live(service: Service, request: Request, job: Job) -> AsyncIterator[bytes]:
 
 def _finished(job: Job) -> Job:
     """The job, if it has a result."""
-    if job.state == SUCCEEDED:
+    if job.state == FINISHED:
         return job
     if job.terminal:
         raise HttpError(404, f"job {job.id} is {job.state}: it has no result", code="result-absent")

@@ -124,13 +124,13 @@ class CampaignCaseView(BaseModel):
     state: str | None
     status: str | None
     success: bool | None
-    rmse_mm: float | None
+    rmse_commanded_mm: float | None
     digest: str | None
 
     @classmethod
     def of(cls, row: CaseResult) -> Self:
         """The JSON of one insertion."""
-        names = ("labels", "state", "status", "success", "rmse_mm", "digest")
+        names = ("labels", "state", "status", "success", "rmse_commanded_mm", "digest")
         return cls(case=row.case_id, job=row.job_id, **{name: getattr(row, name) for name in names})
 
 
@@ -221,7 +221,7 @@ class TrendPoint(BaseModel):
             at=utc(point.at),
             commit=point.commit,
             machine=point.machine,
-            cases=len(point.rmse_mm),
+            cases=len(point.rmse_commanded_mm),
             successes=point.successes,
             median_rmse_mm=point.median_rmse_mm if math.isfinite(point.median_rmse_mm) else None,
             step_ms=point.step_ms,

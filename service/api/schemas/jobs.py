@@ -8,9 +8,9 @@ from typing import Annotated, Any, Literal, Self
 from pydantic import BaseModel, ConfigDict, Field, WithJsonSchema, field_validator
 
 from service.api.schemas.timestamps import utc
-from service.store.job import INSERTION, SUCCEEDED, TIME_LIMIT, TRAINING, Artefact, Event, Job, TimeLimit
+from service.store.job import FINISHED, INSERTION, TIME_LIMIT, TRAINING, Artefact, Event, Job, TimeLimit
 
-State = Literal["queued", "running", "succeeded", "failed", "cancelled", "timed_out"]
+State = Literal["queued", "running", "finished", "failed", "cancelled", "timed_out"]
 
 ScenarioInput = Annotated[
     Any,
@@ -52,7 +52,7 @@ class JobRequest(BaseModel):
 class Progress(BaseModel):
     """How far a running job is. eta_s is null before the first step and while it does not run.
 
-    tip_error_mm: of the tip from the target that its step was commanded for, as in rmse_mm.
+    tip_error_mm: of the tip from the target that its step was commanded for, as in rmse_commanded_mm.
     cross_track_mm: of the tip from the path; null where the tissue carries the path. insertion_force_n: along the
     needle's base, positive pushes.
     """
@@ -70,7 +70,7 @@ class Progress(BaseModel):
     def of(cls, job: Job) -> Self:
         """The progress of a job."""
         progress = cls(**{"steps": job.steps, **(job.progress or {})})
-        if job.state == SUCCEEDED and progress.step == progress.steps:
+        if job.state == FINISHED and progress.step == progress.steps:
             return progress.model_copy(update={"eta_s": 0.0})
         return progress if job.state == "running" else progress.model_copy(update={"eta_s": None})
 
@@ -226,7 +226,7 @@ class ArtefactList(BaseModel):
 def links_of(job: Job) -> Links:
     """The addresses of a job that answer now."""
     base = f"/api/v1/jobs/{job.id}"
-    done = job.state == SUCCEEDED
+    done = job.state == FINISHED
     return Links(
         self=base,
         cancel=f"{base}/cancel",

@@ -65,7 +65,7 @@ def pair(group: str, ifem: list[float], elm: list[float]) -> list[Outcome]:
 def test_a_row_keeps_what_was_measured() -> None:
     row = rows([outcome("a", 0.25, labelled("CUR", "elm", 7, "-y"), end_mm=(10.0, 60.0))])[0]
     assert (row.group, row.arm, row.end_point, row.direction) == ("CUR", "elm", "7", "-y")
-    assert (row.rmse_mm, row.stable, row.failed) == (0.25, True, False)
+    assert (row.rmse_commanded_mm, row.stable, row.failed) == (0.25, True, False)
     assert row.end_mm == (10.0, 60.0)
     assert row.timing_ms["mean_step"] == pytest.approx(1.1 * 2.65)
     assert border_mm(row) == 2.0
@@ -73,9 +73,9 @@ def test_a_row_keeps_what_was_measured() -> None:
 
 def test_a_failure_ranks_worst_and_keeps_its_name() -> None:
     row = rows([outcome("a", math.inf)])[0]
-    assert row.rmse_mm == math.inf
+    assert row.rmse_commanded_mm == math.inf
     assert row.status == "not_converged"
-    assert row.metrics["rmse_mm"] == 0.5  # of the steps before it
+    assert row.metrics["rmse_commanded_mm"] == 0.5  # of the steps before it
 
 
 @pytest.mark.parametrize("result", [{}, {"status": "crashed", "metrics": None, "timing": None}])
@@ -98,7 +98,7 @@ def test_the_csv_has_a_line_for_each_insertion_at_full_precision() -> None:
     read = list(csv.DictReader(io.StringIO(insertions_csv(table))))
     assert [line["id"] for line in read] == [row.id for row in table]
     for line, row in zip(read, table, strict=True):
-        assert float(line["rmse_mm"]) == row.metrics["rmse_mm"]
+        assert float(line["rmse_commanded_mm"]) == row.metrics["rmse_commanded_mm"]
         assert line["arm"] == row.arm
         assert float(line["plant_median_ms"]) == 1.9
         assert line["stable"] == ("yes" if row.stable else "no")

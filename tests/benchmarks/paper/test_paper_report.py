@@ -281,8 +281,8 @@ def test_numbers_for_people(shown: str, text: str) -> None:
 
 
 def test_failed_insertions_are_recorded_before_those_that_only_lost_their_target() -> None:
-    def case(number: int, arm: str, rmse_mm: float) -> Outcome:
-        return outcome(f"{number}-{arm}", rmse_mm, labelled("LIN", arm, number, "") | {"purpose": "main"})
+    def case(number: int, arm: str, rmse_commanded_mm: float) -> Outcome:
+        return outcome(f"{number}-{arm}", rmse_commanded_mm, labelled("LIN", arm, number, "") | {"purpose": "main"})
 
     good = [case(number, "elm", 0.1 * (number + 1)) for number in range(3)]
     lost = [case(3, "open_loop", 2.0), case(4, "rigid", math.inf), case(5, "elm", 1.9), case(6, "elm", math.inf)]

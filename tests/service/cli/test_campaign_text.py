@@ -9,9 +9,9 @@ from service.client.campaigns import CampaignStatus
 @pytest.mark.parametrize(
     ("state", "jobs", "told"),
     [
-        ("running", {"succeeded": 1, "queued": 2}, "1 of 3 insertions, 60 s left"),
-        ("done", {"succeeded": 2, "failed": 1}, "3 of 3 insertions, 1 failed"),
-        ("done", {"succeeded": 1}, "3 of 3 insertions, the jobs of 2 since removed"),
+        ("running", {"finished": 1, "queued": 2}, "1 of 3 insertions, 60 s left"),
+        ("done", {"finished": 2, "failed": 1}, "3 of 3 insertions, 1 failed"),
+        ("done", {"finished": 1}, "3 of 3 insertions, the jobs of 2 since removed"),
         ("done", {}, "3 of 3 insertions, the jobs of 3 since removed"),
     ],
 )

@@ -306,7 +306,7 @@ def test_a_run_whose_first_step_fails_has_one_row() -> None:
     assert found.status is not Status.COMPLETED
     assert len(found.series["t_s"]) == len(found.series["tissue_m"]) == 1
     result = json.loads(json.dumps(found.result(), allow_nan=False))
-    assert result["metrics"]["rmse_mm"] is None
+    assert result["metrics"]["rmse_commanded_mm"] is None
     assert result["timing"]["plant"]["median_ms"] is None
     assert result["solver"]["iterations_max"] == 0
 
@@ -340,7 +340,7 @@ def test_the_result_has_every_key_and_is_strict_json(plain: Rollout, tmp_path: P
 
 def test_metrics_are_those_of_the_series(plain: Rollout) -> None:
     errors = np.linalg.norm(plain.series["tip_m"][1:] - plain.series["target_m"][:-1], axis=1) * 1e3
-    assert plain.metrics["rmse_mm"] == pytest.approx(math.sqrt((errors**2).mean()))
+    assert plain.metrics["rmse_commanded_mm"] == pytest.approx(math.sqrt((errors**2).mean()))
     assert plain.metrics["limited_fraction"] == pytest.approx(plain.series["limited"][1:].mean())
 
 
@@ -366,6 +366,9 @@ def test_the_loop_has_one_thread(monkeypatch: pytest.MonkeyPatch) -> None:
 # ---- any small scenario
 
 
+ENDED = (Status.TARGET_LOST, Status.BUCKLED, Status.AUTHORITY_LOST, Status.SHAFT_BESIDE)  # by a step that converged
+
+
 @settings(max_examples=examples(50), deadline=None, suppress_health_check=list(HealthCheck))
 @given(small_runs())
 def test_any_small_run_ends_by_name_with_finite_rows_and_a_stable_digest(data: dict[str, Any]) -> None:
@@ -375,7 +378,9 @@ def test_any_small_run_ends_by_name_with_finite_rows_and_a_stable_digest(data: d
     assert found.status in Status
     assert (found.message == "") == (found.status is Status.COMPLETED)
     done = len(found.series["t_s"]) - 1
-    assert done == scenario.steps if found.status is Status.COMPLETED else done < scenario.steps
+    assert (
+        done == scenario.steps if found.status is Status.COMPLETED else done < scenario.steps + (found.status in ENDED)
+    )
     for name, array in found.series.items():
         assert np.isfinite(array).all() or name in AUTHORITY, name
     assert found.series["min_det_f"].min() > 0.1

@@ -146,6 +146,7 @@ def test_defaults_are_those_of_version_1() -> None:
         "seed": 0,
         "dt_s": 0.01,
         "noise_mm": 0.0,
+        "success_mm": 2.0,
         "tissue": {
             "size_mm": [36.0, 62.0, 122.0],
             "element_size_mm": 6.0,
@@ -167,6 +168,7 @@ def test_defaults_are_those_of_version_1() -> None:
             "young_gpa": 200.0,
             "poisson": 0.29,
             "elements": 20,
+            "yield_mpa": 1030.0,
         },
         "interaction": {
             "spacing_mm": 6.0,
@@ -190,7 +192,7 @@ def test_defaults_are_those_of_version_1() -> None:
             "rcm_gain": 1.0,
             "rcm_weight": 1.0,
             "orientation": "rcm",
-            "damping": 0.05,
+            "direction_speed_mm_s": 300.0,
             "lever_arm_mm": 100.0,
             "jacobian": "constraint",
             "derivative": "fast",
@@ -199,7 +201,12 @@ def test_defaults_are_those_of_version_1() -> None:
             "delay_s": 0.0,
         },
         "motion": {"kind": "none"},
-        "solver": {"force_tolerance_n": 1e-5, "violation_tolerance_mm": 1e-5, "max_iterations": 60},
+        "solver": {
+            "mode": "converged",
+            "force_tolerance_n": 1e-5,
+            "violation_tolerance_mm": 1e-5,
+            "max_iterations": 60,
+        },
         "recording": {"enabled": True, "every_steps": 10},
     }
     sine = Scenario.load({"trajectory": {"kind": "sine"}}).resolved()["trajectory"]

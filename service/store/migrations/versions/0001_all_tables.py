@@ -11,7 +11,7 @@ branch_labels = None
 depends_on = None
 
 _Sequence = sa.BigInteger().with_variant(sa.Integer, "sqlite")
-_STATES = "state IN ('queued', 'running', 'succeeded', 'failed', 'cancelled', 'timed_out')"
+_STATES = "state IN ('queued', 'running', 'finished', 'failed', 'cancelled', 'timed_out')"
 
 
 def upgrade() -> None:
