@@ -84,7 +84,9 @@ def test_every_controller_steers_linearised_steps(controller: dict[str, Any]) ->
         for mode in ("converged", "linearised")
     )
     assert linearised.status is Status.COMPLETED, linearised.message
-    assert linearised.metrics["rmse_commanded_mm"] == pytest.approx(converged.metrics["rmse_commanded_mm"], rel=0.1, abs=0.02)
+    assert linearised.metrics["rmse_commanded_mm"] == pytest.approx(
+        converged.metrics["rmse_commanded_mm"], rel=0.1, abs=0.02
+    )
 
 
 def deep(**solver: Any) -> tuple[Insertion, InsertionState]:
