@@ -158,15 +158,21 @@ class CampaignStore:
         with self._store.reading() as connection:
             return {i: _tally(connection, i) for i in campaign_ids}
 
-    def cases(self, campaign_id: str, *, results: bool = True) -> list[CampaignCase]:
-        """The cases in suite order; a result is the job's while there is one. Raises UnknownCampaignError."""
+    def cases(
+        self, campaign_id: str, *, results: bool = True, first: int = 0, limit: int | None = None
+    ) -> list[CampaignCase]:
+        """The cases in suite order; a result is the job's while there is one. Raises UnknownCampaignError.
+
+        first: number of the first case, from 0; limit: at most so many.
+        """
         columns = [_case.c.number, _case.c.case_id, _case.c.labels, _case.c.job_id]
         columns += [_job.c.state, _job.c.error_kind, _job.c.error]
         query = (
             select(*columns, *([_job.c.result.label("of_job"), _case.c.outcome] if results else []))
             .select_from(_case.outerjoin(_job, _job.c.id == _case.c.job_id))
-            .where(_case.c.campaign_id == campaign_id)
+            .where(_case.c.campaign_id == campaign_id, _case.c.number >= first)
             .order_by(_case.c.number)
+            .limit(limit)
         )
         with self._store.reading() as connection:
             self._read(connection, campaign_id)

@@ -83,13 +83,15 @@ def _scenario(value: Any, service: Service) -> tuple[Scenario, Cost, set[str]]:
 def list_jobs(
     service: ServiceOf,
     state: Annotated[State | None, Query(description="Only jobs in this state.")] = None,
+    name: Annotated[str | None, Query(max_length=100, description="Only jobs of this name.")] = None,
+    campaign: Annotated[str | None, Query(max_length=32, description="Only insertions of this campaign.")] = None,
     limit: Annotated[int, Query(ge=1, le=200, description="Most items of the page.")] = 50,
     cursor: Cursor = None,
 ) -> JobPage:
     """A page of jobs, without their scenarios and results."""
 
     def newest(most: int, before: int | None) -> list[Job]:
-        return service.store.newest(state=state, limit=most, before=before)
+        return service.store.newest(state=state, name=name, campaign=campaign, limit=most, before=before)
 
     page = read_page(newest, size=limit, cursor=cursor)
     return JobPage(items=[JobSummary.of(job) for job in page.items], next_cursor=page.next_cursor)
