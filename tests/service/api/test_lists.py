@@ -95,3 +95,11 @@ def test_the_document_describes_every_metric(http: TestClient) -> None:
             assert one["x-unit"] == metric.unit
             assert metric.sane_range in one["description"]
             assert {"type": "null"} in one["anyOf"]
+
+
+def test_a_grid_does_not_repeat_a_long_list_of_poses(http: TestClient) -> None:
+    poses = [[18.0, 31.0, -180.0, 1.0, 0.0, 0.0, 0.0]] * 5000
+    scenario = {"controller": {"kind": "replay", "poses": poses}}
+    answer = http.post(f"{API}/campaigns", json={"scenario": scenario, "grid": {"seed": list(range(50))}})
+    assert answer.status_code == 422
+    assert "name them in controller.poses_file" in answer.json()["detail"]
