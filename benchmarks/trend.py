@@ -34,7 +34,8 @@ class Mark(StrEnum):
 
 @dataclass(frozen=True)
 class Point:
-    """One run of a suite. rmse_commanded_mm: of each case by its id, inf where it failed; digests too.
+    """One run of a suite. rmse_commanded_mm: of each case by its id, inf where it failed; digests too. beside: medians
+    of what a small tip error may have been paid with, None where it was not measured.
 
     at: UTC seconds since 1970. machine: processor and number of cores. step_ms: median of the cases' median steps,
     None where none was measured.
@@ -47,11 +48,12 @@ class Point:
     digests: Mapping[str, str]
     successes: int
     step_ms: float | None
+    beside: Mapping[str, float | None]
 
     @property
     def median_rmse_mm(self) -> float:
         """Median over the cases, failures last; nan of none."""
-        ordered = sorted(self.rmse_commanded_mm.values())
+        ordered = sorted(_ranked(error) for error in self.rmse_commanded_mm.values())
         return ordered[len(ordered) // 2] if ordered else math.nan
 
 
@@ -130,7 +132,12 @@ def _accuracy(point: Point, last: Point | None) -> tuple[Mark, str]:
 
 
 def _gap(now_mm: float, then_mm: float) -> float:
-    return 0.0 if now_mm == then_mm else now_mm - then_mm  # two failures are a tie
+    now, then = _ranked(now_mm), _ranked(then_mm)
+    return 0.0 if now == then else now - then  # two failures are a tie
+
+
+def _ranked(error_mm: float) -> float:
+    return error_mm if math.isfinite(error_mm) else math.inf  # what is no number never wins
 
 
 def _success(point: Point, last: Point | None) -> tuple[Mark, str]:

@@ -247,6 +247,9 @@ METRICS = (
         1e-8,
         "only with a larger solver.violation_tolerance_mm, or with solver.mode = linearised",
     ),
+    Metric(
+        "solver.held_nodes", "1", "nodes of the tissue that are held still", 3, 1e6, "never: such scenarios are refused"
+    ),
 )
 
 SERIES = (

@@ -142,6 +142,7 @@ def scenarios(draw: st.DrawFn) -> Json:
         "seed": draw(st.integers(0, 2**53 - 1)),
         "dt_s": dt,
         "noise_mm": draw(between(0.0, 5.0)),
+        "noise_hold_s": draw(st.none() | st.integers(1, 100).map(lambda count: count * dt)),
         "tissue": tissue,
         "needle": {
             "length_mm": draw(between(max(20.0, length + STAND_OFF_MM), 1000.0)),

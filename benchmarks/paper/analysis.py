@@ -11,10 +11,10 @@ import numpy as np
 from benchmarks.paper import statistics
 from benchmarks.paper.comparison import Comparison, compare, pair_rows
 from benchmarks.paper.statistics import FLOOR_MM, Interval, bootstrap_median, wilson
-from benchmarks.paper.table import REFERENCES, Row, arms, by_group, main_rows, only
+from benchmarks.paper.table import REFERENCES, Row, arms, beside, by_group, main_rows, only
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
+    from collections.abc import Mapping, Sequence
 
 CLOSE_MM = 1.0  # an insertion whose error never exceeds it
 RATIO_TARGET = 0.4  # of the open-loop RMSE on curved paths [ours]
@@ -39,7 +39,9 @@ class Box:
 class Score:
     """One controller in one group under one condition. Medians and quartiles are over all insertions, failures ranking
     worst; mean and maximum are over the stable ones. within_1mm: share whose error never exceeded 1 mm.
-    ratio: median over paths of RMSE / open-loop RMSE. limited: mean share of steps that the robot's limits changed."""
+    ratio: median over paths of RMSE / open-loop RMSE. limited: mean share of steps that the robot's limits changed.
+    yielded: share of the insertions whose needle would have stayed bent. beside: medians of `table.BESIDE`, stable ones
+    alone."""
 
     group: str
     arm: str
@@ -67,6 +69,8 @@ class Score:
     ratio_pairs: int
     ratio_met: bool | None
     limited: float
+    yielded: float
+    beside: Mapping[str, float]
     box: Box | None
 
 
@@ -123,6 +127,7 @@ def score(mine: Sequence[Row], open_loop: Sequence[Row], *, group: str) -> Score
     limited = [
         float(row.metrics["limited_fraction"]) for row in mine if row.metrics.get("limited_fraction") is not None
     ]
+    stresses = [row.yielded for row in mine if row.yielded is not None]
     return Score(
         group=group,
         arm=mine[0].arm,
@@ -150,6 +155,8 @@ def score(mine: Sequence[Row], open_loop: Sequence[Row], *, group: str) -> Score
         ratio_pairs=len(ratio),
         ratio_met=statistics.middle(ratio) <= RATIO_TARGET if aimed else None,
         limited=float(np.mean(limited)) if limited else math.nan,
+        yielded=float(np.mean(stresses)) if stresses else math.nan,
+        beside=beside(mine),
         box=box(errors),
     )
 

@@ -7,7 +7,7 @@ import statistics
 from dataclasses import asdict, dataclass
 from typing import TYPE_CHECKING, Any
 
-from benchmarks.paper.table import rows
+from benchmarks.paper.table import beside, rows
 from benchmarks.trend import Judgement, Loss, Point, judge_all, lasting_losses
 from service.campaigns.results import origin, outcomes
 
@@ -70,6 +70,7 @@ def point(campaign: Campaign, results: Sequence[Outcome]) -> Point:
         digests={row.id: row.digest for row in table},
         successes=len([row for row in table if row.success]),
         step_ms=statistics.median(steps) if steps else None,
+        beside={metric: value if math.isfinite(value) else None for metric, value in beside(table).items()},
     )
 
 

@@ -101,14 +101,11 @@ def _print_restored(found: Backup, kept: Path | None, missing: list[str]) -> Non
 
 @contextmanager
 def _reported(doing: str) -> Iterator[None]:
-    """What the disk or the database refuses, in one line. Raises BackupError."""
-    import sqlite3
-
+    """What the disk refuses, in one line. Raises BackupError."""
     from service.store.backups import BackupError
 
     try:
         yield
-    except (OSError, sqlite3.Error) as error:
-        reason = error.strerror if isinstance(error, OSError) and error.strerror else str(error)
-        name = f" ({error.filename})" if isinstance(error, OSError) and error.filename else ""
-        raise BackupError(f"{doing} failed: {reason}{name}") from None
+    except OSError as error:
+        name = f" ({error.filename})" if error.filename else ""
+        raise BackupError(f"{doing} failed: {error.strerror or error}{name}") from None

@@ -29,6 +29,7 @@ _COMMANDS = {  # name -> (module, what it does); the order is that of the help
     "paper": ("paper", "Rerun the paper: data set, ELM, insertions, statistics, report."),
     "train": ("learning", "Train the model of a learned controller."),
     "models": ("models", "List the models of a service, or train one."),
+    "mesh": ("meshes", "Show what a mesh file holds: extents, quality, sets, places to enter."),
     "example": ("learning", "Print an example to start from, such as a controller of your own."),
     "retry": ("jobs", "Run a failed or cancelled job of a service again."),
     "pin": ("jobs", "Keep a job when old ones are removed."),

@@ -189,6 +189,7 @@ def write_report(findings: Findings, plan: Plan, path: Path, *, wall_s: float, w
         scale=plan.scale.name,
         out=path,
         provenance=origin,
+        band_mm=plan.scale.band_mm,
     )
 
 

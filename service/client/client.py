@@ -83,12 +83,14 @@ class Client(CampaignCalls, ModelCalls, UploadCalls):
         """The job as it is now."""
         return JobStatus.of(self._json("GET", f"/api/v1/jobs/{part(job_id)}"))
 
-    def jobs(self, *, state: str | None = None, limit: int | None = None) -> Iterator[JobStatus]:
-        """Jobs, newest first, page by page."""
+    def jobs(
+        self, *, state: str | None = None, outcome: str | None = None, limit: int | None = None
+    ) -> Iterator[JobStatus]:
+        """Jobs, newest first, page by page; only those in a state, or that finished with an outcome."""
         left, cursor = limit, None
         while left is None or left > 0:
             size = 100 if left is None else min(100, left)
-            params = {"state": state, "limit": size, "cursor": cursor}
+            params = {"state": state, "outcome": outcome, "limit": size, "cursor": cursor}
             page = self._json("GET", "/api/v1/jobs", params={k: v for k, v in params.items() if v is not None})
             yield from map(JobStatus.of, page["items"])
             left, cursor = None if left is None else left - len(page["items"]), page["next_cursor"]

@@ -216,7 +216,8 @@ class Slot(threading.Thread):
             if ended:
                 return outcome_of(job, self._collect(job), latest)
             due, beats = watch.due(time.monotonic(), latest), watch.beats(time.monotonic())
-            cancelled = publish_progress(self._store, self.trace, job, due, beats=beats)
+            asks = self.beats % 2 == 0  # every 0.4 s
+            cancelled = publish_progress(self._store, self.trace, job, due, beats=beats, asks=asks)
             held_mb = self._worker.held_mb()
             if (ending := watch.ending(time.monotonic(), cancelled=cancelled, held_mb=held_mb)) is not None:
                 return self._cut_short(job, ending)

@@ -57,7 +57,7 @@ class ProgressListener(Protocol):
 
 def identity(plan: Plan) -> dict[str, Any]:
     """What makes a run the same run; the content of run.json."""
-    scale = plan.scale.model_dump(mode="json")
+    scale = plan.scale.model_dump(mode="json", exclude={"band_mm"})  # may be set after the run
     return {"schema": SCHEMA, "scale": scale, "plan_sha256": plan.sha256, "commit": commit()}
 
 

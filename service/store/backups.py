@@ -62,7 +62,7 @@ def take_backup(data: Path, folder: Path, *, with_files: bool, now: float) -> Ba
     """Back up the data folder `data` to `folder`, which must not be there yet; a service may work on it meanwhile.
 
     with_files: results, recordings and uploads too, else the database alone. now: UTC seconds since 1970.
-    Raises BackupError, OSError, sqlite3.Error.
+    Raises BackupError, OSError.
     """
     if not (data / DATABASE).is_file():
         raise BackupError(f"{data} holds no database: there is nothing to back up")
@@ -173,7 +173,14 @@ def daily_backup(data: Path, keep: int, *, now: float) -> Path | None:
 
 
 def _snapshot(source: Path, target: Path) -> dict[str, int]:
-    """Copy a database that may be in use; the files that the copy names, with their sizes."""
+    """Copy a database that may be in use; the files that the copy names, with their sizes. Raises BackupError."""
+    try:
+        return _copied(source, target)
+    except sqlite3.Error as error:
+        raise BackupError(f"the database {source} cannot be copied: {error}") from None
+
+
+def _copied(source: Path, target: Path) -> dict[str, int]:
     with closing(sqlite3.connect(source)) as live, closing(sqlite3.connect(target)) as copy:
         live.execute("PRAGMA busy_timeout = 10000")
         live.backup(copy)

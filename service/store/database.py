@@ -42,9 +42,9 @@ def open_database(path: Path, *, now: Callable[[], float] = time.time) -> Engine
     Before an upgrade the file is copied to the folder `backups` beside it. now: UTC seconds since 1970.
     """
     private_folder(path.parent)
-    private_file(path)  # SQLite gives its log the same permissions
-    if path.stat().st_size:
+    if path.is_file():
         check_whole(path)
+    private_file(path)  # SQLite gives its log the same permissions
     engine = create_engine(
         f"sqlite:///{path}",
         json_serializer=partial(json.dumps, allow_nan=False),

@@ -9,12 +9,15 @@ from typing import Annotated, Any
 
 from pydantic import AfterValidator, Field
 
-from simcore.errors import NeedlebenchError, Problem
+from simcore.errors import NeedlebenchError, Problem, Status
 
 QUEUED, RUNNING, FINISHED = "queued", "running", "finished"
 FAILED, CANCELLED, TIMED_OUT = "failed", "cancelled", "timed_out"
 
 INSERTION, TRAINING = KINDS = ("insertion", "training")  # one simulated insertion; one model learned from a data set
+
+SUCCESS, MISSED = "success", "missed"  # outcomes of a job that finished; else a named status of its run
+OUTCOMES = (SUCCESS, MISSED, *(str(status) for status in Status if status is not Status.COMPLETED))
 
 
 def _printable(text: str) -> str:
@@ -126,7 +129,10 @@ class Outcome:
 
 @dataclass(frozen=True, kw_only=True)
 class Job:
-    """One row of the job table. Times are UTC seconds since 1970. `spec` and `result` are None in listings."""
+    """One row of the job table. Times are UTC seconds since 1970. `spec` and `result` are None in listings.
+
+    outcome: one of OUTCOMES once it has finished, see `outcome_of`.
+    """
 
     seq: int
     id: str
@@ -154,6 +160,7 @@ class Job:
     version: int
     owner: str | None = None
     kind: str = INSERTION
+    outcome: str | None = None
 
     @property
     def terminal(self) -> bool:
@@ -164,6 +171,17 @@ class Job:
     def folder(self) -> str:
         """Folder of the current attempt, relative to the data folder. An attempt never writes into another's."""
         return f"jobs/{self.id}/{self.attempt}"
+
+
+def outcome_of(kind: str, result: dict[str, Any] | None) -> str | None:
+    """What a job of this kind that left `result` came to; None without a result. A training that left a model is a
+    success; an insertion is one, or missed, where it completed, and has the name of its failure where it did not."""
+    if result is None:
+        return None
+    if kind == TRAINING or (result.get("metrics") or {}).get("success"):
+        return SUCCESS
+    status = str(result.get("status", Status.COMPLETED))
+    return status if status in OUTCOMES else MISSED
 
 
 def content_hash(value: Any) -> str:

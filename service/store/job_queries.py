@@ -29,6 +29,7 @@ from service.store.job import (
     CRASHED,
     FINISHED,
     INSERTION,
+    OUTCOMES,
     QUEUED,
     RUNNING,
     TERMINAL,
@@ -115,6 +116,7 @@ class JobQueries(Transactions):
         self,
         *,
         state: str | None = None,
+        outcome: str | None = None,
         name: str | None = None,
         campaign: str | None = None,
         limit: int = 50,
@@ -125,6 +127,8 @@ class JobQueries(Transactions):
         campaign: id of the one that they belong to.
         """
         query = select(*LISTED).order_by(JOB.c.seq.desc()).limit(limit)
+        if outcome is not None:
+            query = query.where(JOB.c.outcome == outcome)
         if state is not None:
             query = query.where(JOB.c.state == state)
         if name is not None:
@@ -171,6 +175,13 @@ class JobQueries(Transactions):
         with self.reading() as connection:
             found = {row.state: row.jobs for row in connection.execute(query)}
         return {state: found.get(state, 0) for state in schema.STATES}
+
+    def outcomes(self) -> dict[str, int]:
+        """How many jobs finished with each outcome, those with none left out; in the order of `OUTCOMES`."""
+        query = select(JOB.c.outcome, func.count().label("jobs")).where(JOB.c.outcome.is_not(None))
+        with self.reading() as connection:
+            found = {row.outcome: row.jobs for row in connection.execute(query.group_by(JOB.c.outcome))}
+        return {outcome: found[outcome] for outcome in OUTCOMES if outcome in found}
 
     def before(self, job: Job) -> int:
         """How many queued jobs will begin before this one, at most, if no more are queued."""

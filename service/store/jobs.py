@@ -40,7 +40,7 @@ from service.store.job_queries import (
     read,
     to_job,
 )
-from service.store.transitions import Transitions, attempt_key, error_data
+from service.store.transitions import Transitions, attempt_key, end_data
 from service.store.turns import lane_of
 from service.store.upload_references import check_uploads, missing
 
@@ -156,7 +156,7 @@ class Store(Transitions):
         """End the running attempt `job`. Raises IllegalTransitionError when it is not the current one."""
         with self._write() as connection:
             done = self._end(connection, job, outcome)
-            self._log(connection, done, outcome.state, error_data(outcome))
+            self._log(connection, done, outcome.state, end_data(done))
         self.notify(job.id)
         return done
 
@@ -169,7 +169,7 @@ class Store(Transitions):
         with self._write(lazy=True) as connection:
             done = self._end(connection, job, outcome)
             taken = self._take(connection)
-            rows = [self._entry(done, outcome.state, error_data(outcome))]
+            rows = [self._entry(done, outcome.state, end_data(done))]
             if taken is not None:
                 rows.append(self._entry(taken, "started"))
             connection.execute(EVENT, rows)
@@ -228,7 +228,7 @@ class Store(Transitions):
         The attempts go on counting; what the last one left is no longer listed. Raises InputGoneError, too.
         """
         fresh: dict[str, Any] = dict.fromkeys(
-            ("progress", "metrics", "result", "error_kind", "error", "cpu_s", "max_rss_mb", "heartbeat_at")
+            ("progress", "outcome", "metrics", "result", "error_kind", "error", "cpu_s", "max_rss_mb", "heartbeat_at")
         )
         fresh |= {"crashes": 0, "cancel_requested": False, "started_at": None, "finished_at": None}
         with self._write() as connection:

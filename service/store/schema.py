@@ -49,6 +49,7 @@ job = Table(
     Column("spec_hash", String(64), nullable=False),
     Column("steps", Integer, nullable=False),  # of the whole run, known before it starts
     Column("state", String(16), nullable=False),
+    Column("outcome", String(32)),  # of a job that finished: `job.OUTCOMES`
     Column("priority", Integer, nullable=False),
     Column("timeout_s", Float, nullable=False),
     Column("attempt", Integer, nullable=False),  # counts the claims; with the id it names the owner of a running job
@@ -83,6 +84,7 @@ Index(
     postgresql_where=text("state = 'queued'"),
 )
 Index("ix_job_state_seq", job.c.state, job.c.seq)
+Index("ix_job_outcome_seq", job.c.outcome, job.c.seq)
 
 artefact = Table(
     "artefact",

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
-from service.store.job import LEGAL, IllegalTransitionError, Job, Outcome
+from service.store.job import LEGAL, IllegalTransitionError, Job, Outcome, outcome_of
 from service.store.job_queries import (
     ARTEFACT,
     BRIEF,
@@ -48,6 +48,7 @@ class Transitions(JobQueries):
     def _end(self, connection: Connection, job: Job, outcome: Outcome) -> Job:
         values: dict[str, Any] = {
             "state": outcome.state,
+            "outcome": outcome_of(job.kind, outcome.result),
             "result": outcome.result,
             "metrics": None if outcome.result is None else outcome.result.get("metrics"),
             "error_kind": outcome.error_kind,
@@ -83,9 +84,11 @@ class Transitions(JobQueries):
         return {"job_id": job.id, "at": self._now(), "kind": kind, "attempt": job.attempt, "data": data}
 
 
-def error_data(outcome: Outcome) -> dict[str, Any] | None:
-    """What the log says about a failure; None for another end."""
-    return {"error_kind": outcome.error_kind, "error": outcome.error} if outcome.error_kind else None
+def end_data(done: Job) -> dict[str, Any] | None:
+    """What the log says about an end: the error of a failure, the outcome of a job that finished."""
+    if done.error_kind:
+        return {"error_kind": done.error_kind, "error": done.error}
+    return {"outcome": done.outcome} if done.outcome else None
 
 
 def attempt_key(job: Job) -> dict[str, Any]:

@@ -12,7 +12,7 @@ from service.admission.cost import LEAST_LIMIT_S, TYPICAL_STEP_S
 from service.api.context import Service, ServiceOf
 from service.api.parameters import Cursor, JobId
 from service.api.schemas.campaigns import CampaignView
-from service.api.schemas.jobs import ArtefactView, EventView, JobRequest, JobSummary, JobView, State
+from service.api.schemas.jobs import ArtefactView, EventView, JobRequest, JobSummary, JobView, Outcome, State
 from service.campaigns.overview import overviews
 from service.display import flat
 from service.store.campaign import RUNNING as CAMPAIGN_RUNNING
@@ -36,12 +36,13 @@ def get_jobs(
     request: Request,
     service: ServiceOf,
     state: State | None = None,
+    outcome: Outcome | None = None,
     cursor: Cursor = None,
 ) -> Response:
     """Jobs, newest first, and the campaigns that run."""
 
     def newest(most: int, before: int | None) -> list[Job]:
-        return service.store.newest(state=state, limit=most, before=before)
+        return service.store.newest(state=state, outcome=outcome, limit=most, before=before)
 
     listed = read_page(newest, size=ROWS, cursor=cursor)
     return page(
@@ -52,7 +53,9 @@ def get_jobs(
         older_than=listed.next_cursor,
         cursor=cursor,
         wanted=state,
+        wanted_outcome=outcome,
         counts=service.store.counts(),
+        outcomes=service.store.outcomes(),
         campaigns=_running_campaigns(service),
         retriable=TERMINAL - {FINISHED},
     )

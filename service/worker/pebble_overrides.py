@@ -12,11 +12,13 @@ if TYPE_CHECKING:
 
 WRITTEN_FOR = ("pebble", "5.2", "5.3")  # from this version, below that one
 TERM_TIMEOUT_S = 0.2  # between SIGTERM and SIGKILL; pebble's own 3 s block whoever waits meanwhile
+LOOK_S = 0.2  # between two looks at a worker that may have died; pebble's own 0.1 s cost more than they tell
 
 
 def single_worker_pool(initializer: Callable[..., None], *arguments: Any) -> pebble.ProcessPool:
     """A pool of one process, started by spawn, which runs `initializer(*arguments)` first."""
     pebble.CONSTS.term_timeout = TERM_TIMEOUT_S
+    pebble.CONSTS.sleep_unit = LOOK_S
     return pebble.ProcessPool(
         max_workers=1,
         initializer=initializer,

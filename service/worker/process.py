@@ -13,8 +13,9 @@ import os
 import signal
 import sys
 import threading
-from concurrent.futures import Future, wait
+from concurrent.futures import CancelledError, Future
 from concurrent.futures.process import BrokenProcessPool
+from contextlib import suppress
 from multiprocessing.connection import wait as wait_for_end
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -25,7 +26,7 @@ from service.blas_threads import one_thread
 from service.files.lock import file_lock
 from service.worker.attempt import execute, resolve
 from service.worker.failures import described
-from service.worker.guard import lead_group
+from service.worker.guard import guard_pid, lead_group
 from service.worker.memory import group_mb
 from service.worker.pebble_overrides import living_workers, single_worker_pool
 from service.worker.processes import Process, descendants, end_process, session_members
@@ -35,6 +36,7 @@ if TYPE_CHECKING:
     from service.worker.specs import AttemptReport, InsertionSpec, TrainingSpec
 
 _PR_SET_PDEATHSIG = 1
+_SCAN_EVERY = 3  # looks at the memory: a scan of the process table costs ten times as much as the rest of a look
 _ANSWER_S = 1.0  # that the pool takes from the end of a process to the answer about it, at most
 
 
@@ -57,6 +59,9 @@ class WorkerProcess:
         self._pending: Future[Any] | None = None
         self._group: set[Process] = set()  # seen while it ran, wherever they went since
         self.pid: int | None = None
+        self._guard_pid: int | None = None
+        self._started: list[Process] = []  # by the attempt, at the last scan
+        self._looks = 0
         self.starts = 0
 
     def start(self) -> None:
@@ -82,7 +87,7 @@ class WorkerProcess:
         if self.pid is None:
             if self._pending is None or not self.wait(timeout_s):
                 return False
-            self.pid = self._take_answer()
+            self.pid, self._guard_pid = self._take_answer()
         if not self.alive or self._replaced:
             raise WorkerDiedError("the worker process died while it had nothing to do")
         return True
@@ -99,15 +104,16 @@ class WorkerProcess:
 
     def send(self, runner: str, spec: InsertionSpec | TrainingSpec, folder: Path) -> None:
         """Begin an attempt: `runner` in `folder`. Raises WorkerDiedError."""
+        self._started, self._looks = [], 0
         self._pending = self.call(execute, runner, spec.to_json(), str(folder))
 
     def wait(self, timeout_s: float) -> bool:
         """Whether what it is at has ended, after waiting at most so long. Raises WorkerDiedError when it never will."""
         assert self._pending is not None, "nothing was sent"
-        if wait([self._pending], timeout=timeout_s).done:
+        if _done(self._pending, timeout_s):
             return True
         if not self.alive or self._replaced:
-            if wait([self._pending], timeout=_ANSWER_S).done:
+            if _done(self._pending, _ANSWER_S):
                 return True
             raise WorkerDiedError("its worker process ended (exit code 0)" if self.alive else "its worker process died")
         return False
@@ -118,12 +124,17 @@ class WorkerProcess:
         return self._pool is not None and self.pid is not None and self.pid not in living_workers(self._pool)
 
     def held_mb(self) -> float | None:
-        """Memory of the worker and of all that its attempt has started, MB (10^6 bytes); None where nobody says."""
+        """Memory of the worker and of all that its attempt has started, MB (10^6 bytes); None where nobody says.
+
+        What it has started is looked up at every third call, and counted as of then.
+        """
         if self.pid is None:
             return None
-        started = descendants(self.pid)
-        self._group = {one for one in self._group if one not in started} | set(started)
-        return group_mb(self.pid, (one.pid for one in started))
+        if self._looks % _SCAN_EVERY == 0:
+            self._started = descendants(self.pid)
+            self._group.update(self._started)
+        self._looks += 1
+        return group_mb(self.pid, (one.pid for one in self._started if one.pid != self._guard_pid))
 
     def collect(self) -> AttemptReport:
         """What an attempt that has ended left. Raises WorkerDiedError, with the signal or exit code."""
@@ -154,6 +165,13 @@ class WorkerProcess:
         return answer(pending)
 
 
+def _done(future: Future[Any], timeout_s: float) -> bool:
+    """Whether it has ended, after waiting at most so long; what it raised is raised elsewhere."""
+    with suppress(TimeoutError, CancelledError):
+        future.exception(timeout=timeout_s)
+    return future.done()
+
+
 def answer(future: Future[Any]) -> Any:
     """What a finished call returned. Raises WorkerDiedError, with the signal or exit code, if its process died.
 
@@ -174,11 +192,11 @@ def answer(future: Future[Any]) -> Any:
 # -- in the worker
 
 
-def _warm(runner: str, lock: str) -> int:
-    """Make ready for `runner`; the process id."""
+def _warm(runner: str, lock: str) -> tuple[int, int | None]:
+    """Make ready for `runner`; the ids of this process and of its guard."""
     with file_lock(Path(lock), wait=True):
         resolve(f"{runner.partition(':')[0]}:warm_up")()
-    return os.getpid()
+    return os.getpid(), guard_pid()
 
 
 def _prepare(parent: int) -> None:

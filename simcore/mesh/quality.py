@@ -37,12 +37,23 @@ def _fault_of_size(nodes_m: Floats) -> str | None:
     return None
 
 
-def _fault_of_tets(nodes_m: Floats, tets: Ints) -> str | None:
-    corners = nodes_m[tets]
+def shapes_of(nodes_m: Floats, tets: Ints) -> Floats:
+    """(t,) 6 sqrt(2) V / l^3 of each tetrahedron, l the root mean square edge: 1 if it is regular, 0 if it is flat."""
+    return _volumes_and_shapes(nodes_m[tets])[1]
+
+
+def _volumes_and_shapes(corners: Floats) -> tuple[Floats, Floats]:
+    """Of tetrahedra (t, 4, 3) in any orientation."""
     volumes = np.abs(np.linalg.det(corners[:, 1:] - corners[:, :1])) / 6.0
     pairs = [(a, b) for a in range(4) for b in range(a)]
     edges = np.array([np.sum((corners[:, a] - corners[:, b]) ** 2, axis=1) for a, b in pairs])
     shape = 6.0 * np.sqrt(2.0) * volumes / np.maximum(edges.mean(axis=0), np.finfo(float).tiny) ** 1.5
+    return volumes, shape
+
+
+def _fault_of_tets(nodes_m: Floats, tets: Ints) -> str | None:
+    corners = nodes_m[tets]
+    volumes, shape = _volumes_and_shapes(corners)
     flat = np.flatnonzero(shape < FLATTEST)
     if len(flat):
         around = _listed(1e3 * corners[flat[0]].mean(axis=0))

@@ -85,27 +85,22 @@ def load_mesh(path: str, *, unit_mm: float, names: tuple[str, ...], sha256: str 
         return _mesh_of(content, unit_mm, names)
 
 
-def remarks_on(path: str, *, unit_mm: float, names: tuple[str, ...]) -> tuple[str, ...]:
-    """What was left out of a mesh file. Raises ScenarioError."""
-    content = MeshFile.read(path)
-    with _faults_of(content, path):
-        return _body_of(content, unit_mm, names).remarks
-
-
-def body_of(path: str, *, unit_mm: float | None = None) -> Body:
-    """What a mesh file holds, in its own unit of length; unit_mm as in `load_mesh` to check size and shape too.
+def body_of(path: str) -> Body:
+    """What a mesh file holds, in its own unit of length, with every set; neither size nor shape is looked at.
 
     Raises ScenarioError for a file that holds no linear tetrahedra.
     """
     content = MeshFile.read(path)
     with _faults_of(content, path):
-        return _body_of(content, unit_mm, ())
+        return _body_of(content, None, None)
 
 
 def counts_of(path: str) -> tuple[int, int]:
     """Points of tetrahedra and tetrahedra in a mesh file, whatever its unit of length. Raises ScenarioError for a file
     that holds no linear tetrahedra."""
-    body = body_of(path)
+    content = MeshFile.read(path)
+    with _faults_of(content, path):
+        body = _body_of(content, None, ())
     return len(body.points), len(body.tets)
 
 
@@ -122,7 +117,7 @@ def _faults_of(content: MeshFile, path: str) -> Iterator[None]:
 
 
 @lru_cache(maxsize=2)
-def _body_of(content: MeshFile, unit_mm: float | None, names: tuple[str, ...]) -> Body:
+def _body_of(content: MeshFile, unit_mm: float | None, names: tuple[str, ...] | None) -> Body:
     return read_apart(content.data, content.suffix, names, unit_mm)
 
 

@@ -45,7 +45,8 @@ class Body:
     """The tetrahedra of a file and the points that they use.
 
     points: (n, 3) in the file's unit. tets: (t, 4) in any orientation. sets: rows of the points of each named set that
-    was asked for. names: all that the file offers. remarks: what was left out.
+    was asked for. names: all that the file offers. refused: names that cannot be had, with the reason. remarks: what
+    was left out.
     """
 
     points: Floats
@@ -53,10 +54,12 @@ class Body:
     sets: dict[str, Ints]
     names: tuple[str, ...]
     remarks: tuple[str, ...]
+    refused: dict[str, str]
 
 
-def read_body(data: bytes, suffix: str, wanted: tuple[str, ...], unit_mm: float | None) -> Body:
-    """The body in a file's content. wanted: the sets to find. unit_mm: None to leave its size and shape unchecked.
+def read_body(data: bytes, suffix: str, wanted: tuple[str, ...] | None, unit_mm: float | None) -> Body:
+    """The body in a file's content. wanted: the sets to find; None for every one that can be had without a number.
+    unit_mm: None to leave its size and shape unchecked.
 
     Raises MeshFaultError.
     """
@@ -72,8 +75,18 @@ def read_body(data: bytes, suffix: str, wanted: tuple[str, ...], unit_mm: float 
         raise MeshFaultError(wrong)
     unused = len(raw.points) - len(used)
     remarks = [*raw.remarks, *([f"{unused} points of no tetrahedron are left out"] if unused else [])]
-    sets = {name: _set(raw, name, used) for name in wanted}
-    return Body(points, tets, sets, tuple(known_names(raw)), tuple(remarks))
+    names = tuple(known_names(raw))
+    if wanted is not None:
+        return Body(points, tets, {name: _set(raw, name, used) for name in wanted}, names, tuple(remarks), {})
+    sets, refused = {}, {}
+    for name in names:
+        if name.endswith("=NUMBER"):
+            continue
+        try:
+            sets[name] = _set(raw, name, used)
+        except MeshFaultError as fault:
+            refused[name] = fault.message
+    return Body(points, tets, sets, names, tuple(remarks), refused)
 
 
 def _tetrahedra(raw: RawMesh) -> Ints:

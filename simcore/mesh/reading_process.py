@@ -23,7 +23,7 @@ _START = (
 )
 
 
-def read_apart(data: bytes, suffix: str, wanted: tuple[str, ...], unit_mm: float | None) -> Body:
+def read_apart(data: bytes, suffix: str, wanted: tuple[str, ...] | None, unit_mm: float | None) -> Body:
     """`read_body` in another process. Raises MeshFaultError, also where the limits are reached."""
     request = json.dumps({"suffix": suffix, "wanted": wanted, "unit_mm": unit_mm})
     command = [sys.executable, "-I", "-X", "utf8", "-c", _START, json.dumps(sys.path), request]
@@ -43,8 +43,9 @@ def main(request: str) -> None:
     """Read the content from standard input; write the body, or the fault, to standard output."""
     _limit_resources()
     asked = json.loads(request)
+    wanted = None if asked["wanted"] is None else tuple(asked["wanted"])
     try:
-        packed = _packed(read_body(sys.stdin.buffer.read(), asked["suffix"], tuple(asked["wanted"]), asked["unit_mm"]))
+        packed = _packed(read_body(sys.stdin.buffer.read(), asked["suffix"], wanted, asked["unit_mm"]))
     except MeshFaultError as fault:
         packed = json.dumps({"fault": fault.message, "set": fault.set_name}).encode() + b"\n"
     except MemoryError:
@@ -56,7 +57,7 @@ def main(request: str) -> None:
 def _packed(body: Body) -> bytes:
     """A line of JSON, then points, tetrahedra and sets as arrays."""
     out = io.BytesIO()
-    head = {"names": body.names, "remarks": body.remarks, "sets": list(body.sets)}
+    head = {"names": body.names, "remarks": body.remarks, "refused": body.refused, "sets": list(body.sets)}
     out.write(json.dumps(head).encode() + b"\n")
     for array in (body.points, body.tets, *body.sets.values()):
         np.save(out, array, allow_pickle=False)
@@ -70,7 +71,7 @@ def _unpacked(data: bytes) -> Body:
         raise MeshFaultError(head["fault"], head["set"])
     points, tets = (np.load(stream, allow_pickle=False) for _ in range(2))
     sets = {name: np.load(stream, allow_pickle=False) for name in head["sets"]}
-    return Body(points, tets, sets, tuple(head["names"]), tuple(head["remarks"]))
+    return Body(points, tets, sets, tuple(head["names"]), tuple(head["remarks"]), head["refused"])
 
 
 def _limit_resources() -> None:

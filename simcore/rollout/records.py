@@ -24,6 +24,7 @@ class Scene:
     tissue_rest_m: Floats  # (nodes, 3)
     tissue_tets: Ints  # (tets, 4)
     surface_triangles: Ints  # (triangles, 3) into the nodes, outward
+    held_nodes: Ints  # (held,) into the nodes
     path_m: Floats  # (p, 3) polyline of the nominal path
     entry_m: Floats  # (3,) world-fixed remote centre of motion
     needle_radius_m: float

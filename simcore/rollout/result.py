@@ -47,6 +47,17 @@ class Rollout:
         return digest(self.series)
 
     @property
+    def held(self) -> dict[str, Any]:
+        """What of the tissue was held: faces, sets, regions, and the number of nodes in them."""
+        tissue = self.scenario.tissue
+        return {
+            "faces": list(tissue.held_faces),
+            "sets": list(tissue.fixed_sets),
+            "regions": [region.model_dump(mode="json") for region in tissue.fixed_regions],
+            "nodes": self.solver["held_nodes"],
+        }
+
+    @property
     def warnings(self) -> list[str]:
         """What the run showed that calls for a second look, beside what the scenario warns of."""
         return run_warnings(self.series, self.scenario)
@@ -59,6 +70,7 @@ class Rollout:
             "metrics": self.metrics,
             "timing": self.timing,
             "solver": self.solver,
+            "held": self.held,
             "digest": self.digest,
             "warnings": [*self.scenario.warnings(), *self.warnings],
             "provenance": provenance(self.scenario.resolved()),

@@ -37,7 +37,7 @@ if TYPE_CHECKING:
 
 Clock = Callable[[], float]
 
-NOISE_HOLD_S = 0.01
+NOISE_HOLD_S = 0.01  # where the scenario names none
 SHAFT_POINTS_PER_BEAM = 3
 PATH_POINTS_APART_M = 0.5e-3  # in the tissue; the chords of a 1 mm sine over 120 mm then miss it by 0.1 um
 
@@ -92,7 +92,7 @@ class _Loop:
         self.noise_m = held_noise(
             np.random.default_rng(scenario.seed),
             amplitude_m=scenario.noise_mm * 1e-3,
-            hold_s=NOISE_HOLD_S,
+            hold_s=scenario.noise_hold_s or NOISE_HOLD_S,
             dt_s=scenario.dt_s,
             steps=self.steps,
         )
@@ -193,6 +193,7 @@ class _Loop:
             tissue_rest_m=mesh.nodes_m.copy(),
             tissue_tets=mesh.tets.copy(),
             surface_triangles=mesh.surface_triangles.copy(),
+            held_nodes=np.flatnonzero(self.insertion.tissue.unknown < 0),
             path_m=self.path.curve(np.linspace(0.0, 1.0, 2 if self.path.is_straight else 101)),
             entry_m=self.insertion.entry_m.copy(),
             needle_radius_m=self.insertion.needle.outer_radius_m,

@@ -90,13 +90,14 @@ class SeriesBuilder:
         return {**parts, "loop_wall_s": wall_s, "simulated_s": simulated_s, "realtime_factor": factor}
 
     def solver(self) -> dict[str, Any]:
-        """Iterations, residuals and violations over the steps."""
+        """Iterations, residuals and violations over the steps; how many nodes were held."""
         iterations = self.rows["iterations"][1:] or [0]
         return {
             "iterations_mean": float(np.mean(iterations)),
             "iterations_max": int(np.max(iterations)),
             "residual_max_n": float(np.max(self.rows["residual_n"])),
             "violation_max_m": float(np.max(self.rows["violation_m"])),
+            "held_nodes": len(self.scene.held_nodes),
         }
 
 

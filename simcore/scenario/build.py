@@ -11,11 +11,11 @@ from simcore.contact.laws import ContactLaw
 from simcore.insertion.insertion import Insertion
 from simcore.insertion.model import CoupledModel, Tolerances
 from simcore.mesh.mesh import Mesh, box_mesh
-from simcore.mesh.numbering import held_nodes
 from simcore.mesh.reader import load_mesh
 from simcore.needle.model import NeedleModel, Tube
 from simcore.robot import RobotLimits
 from simcore.scenario.blocks import Breathing, Interaction, Needle, Robot, Solver, Still, Tissue
+from simcore.scenario.held_parts import held_of
 from simcore.scenario.scenario import Scenario
 from simcore.tissue.breathing import BreathingMotion
 from simcore.tissue.model import Material, TissueModel
@@ -59,7 +59,7 @@ def tissue_model(tissue: Tissue) -> TissueModel:
         rayleigh_mass_per_s=tissue.rayleigh_mass_per_s,
         rayleigh_stiffness_s=tissue.rayleigh_stiffness_s,
     )
-    return TissueModel.of(mesh, held_nodes(mesh, tissue.fixed_faces, tissue.fixed_sets), material)
+    return TissueModel.of(mesh, held_of(tissue, mesh), material)
 
 
 def mesh_of(tissue: Tissue) -> Mesh:

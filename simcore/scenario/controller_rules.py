@@ -9,7 +9,7 @@ import numpy as np
 from simcore import plugins
 from simcore.arrays import Floats
 from simcore.errors import Problem
-from simcore.scenario.blocks import StraightTrajectory
+from simcore.scenario.blocks import StraightTrajectory, Tissue
 from simcore.scenario.controller_blocks import Controller, Learned, Plugin, Replay
 from simcore.scenario.pose_file import digest_of_poses, fault_of_poses, load_poses
 
@@ -103,6 +103,8 @@ def _block_differences(now: dict[str, Any], trained: dict[str, Any]) -> list[tup
     found = []
     for name, value in now.items():
         before = trained.get(name)
+        if name == "tissue" and isinstance(before, dict):
+            value, before = _with_held_faces(value), _with_held_faces(before)
         if name == "motion":
             value, before = value["kind"], (before or {}).get("kind", "none")
         if isinstance(value, dict) and isinstance(before, dict):
@@ -111,6 +113,13 @@ def _block_differences(now: dict[str, Any], trained: dict[str, Any]) -> list[tup
         elif before is not None and value != before:
             found.append((name, value, f"at {before}"))
     return found
+
+
+def _with_held_faces(tissue: dict[str, Any]) -> dict[str, Any]:
+    """A tissue as JSON data with the faces that null stands for."""
+    held = {"fixed_sets": [], "fixed_regions": [], **tissue}
+    block = Tissue.model_construct(**{name: held.get(name) for name in ("fixed_faces", "fixed_sets", "fixed_regions")})
+    return {**held, "fixed_faces": list(block.held_faces)}
 
 
 def _path_differences(path: StraightTrajectory, trained: dict[str, Any]) -> list[tuple[str, Any, str]]:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import copy
 import math
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 
@@ -26,7 +26,10 @@ from simcore.scenario.blocks import (
 )
 from simcore.scenario.controller_blocks import Controller, FrozenJacobian, InverseFem, Replay, SeparateModel
 from simcore.scenario.controller_rules import plugin_problems, pose_count, pose_problems
+from simcore.scenario.held_parts import block_problems, nothing_held, region_problems
 from simcore.trajectory import step_count
+
+AnyTrajectory = TypeVar("AnyTrajectory", bound=StraightTrajectory)
 
 
 def problems_between(
@@ -76,6 +79,15 @@ def with_mesh(tissue: Tissue) -> Tissue:
     from simcore.scenario.mesh_rules import fields_of_mesh  # with the mesh kernels: only where there is a mesh file
 
     return tissue.model_copy(update=fields_of_mesh(tissue))
+
+
+def with_entry(trajectory: AnyTrajectory, tissue: Tissue) -> AnyTrajectory:
+    """The path from the surface of the mesh file, where its entry may be moved there."""
+    if tissue.mesh_file is None or trajectory.entry_snap_mm == 0.0:
+        return trajectory
+    from simcore.scenario.mesh_rules import snapped_entry_mm
+
+    return trajectory.model_copy(update={"entry_mm": snapped_entry_mm(tissue, trajectory)})
 
 
 def with_spacing(interaction: Interaction, tissue: Tissue) -> Interaction:
@@ -128,18 +140,17 @@ def _needle_problems(needle: Needle, interaction: Interaction, tissue: Tissue) -
 
 
 def _tissue_problems(tissue: Tissue) -> list[Problem]:
-    problems = []
-    if len(set(tissue.fixed_faces)) < len(tissue.fixed_faces):
-        problems.append(Problem("tissue.fixed_faces", list(tissue.fixed_faces), "must name each face once"))
+    problems = region_problems(tissue)
+    if len(set(tissue.held_faces)) < len(tissue.held_faces):
+        problems.append(Problem("tissue.fixed_faces", list(tissue.held_faces), "must name each face once"))
     if tissue.mesh_file is not None:
         return problems
     if math.prod(tissue.cells) > MAXIMUM_CELLS:
         allowed = f"gives {math.prod(tissue.cells)} cells, at most {MAXIMUM_CELLS} are allowed"
         problems.append(Problem("tissue.element_size_mm", tissue.element_size_mm, allowed))
-    if not tissue.fixed_faces:
-        problems.append(Problem("tissue.fixed_faces", [], "must name at least one face"))
+    problems += nothing_held(tissue)
     for axis, cells in zip("xyz", tissue.cells, strict=True):
-        if cells == 1 and {f"{axis}_min", f"{axis}_max"} <= set(tissue.fixed_faces):
+        if cells == 1 and {f"{axis}_min", f"{axis}_max"} <= set(tissue.held_faces):
             allowed = f"gives one cell along {axis} between two fixed faces: nothing could move"
             problems.append(Problem("tissue.element_size_mm", tissue.element_size_mm, allowed))
     for name, unset in (("fixed_sets", ()), ("mesh_unit_mm", 1.0), ("mesh_sha256", None)):
@@ -154,6 +165,9 @@ def _path_problems(path: StraightTrajectory, tissue: Tissue) -> list[Problem]:
     size = tissue.size_mm
     if tissue.mesh_file is not None:
         return _mesh_path_problems(path, tissue)
+    if path.entry_snap_mm != 0.0:
+        allowed = "must be 0: it belongs to tissue.mesh_file, which is not given"
+        return [Problem("trajectory.entry_snap_mm", path.entry_snap_mm, allowed)]
     x, y, z = path.entry_mm
     if z != 0.0 or not (0.0 < x < size[0] and 0.0 < y < size[1]):
         allowed = f"must lie on the face z = 0, inside 0 < x < {size[0]:g}, 0 < y < {size[1]:g}"
@@ -162,7 +176,7 @@ def _path_problems(path: StraightTrajectory, tissue: Tissue) -> list[Problem]:
     if not (0.0 < tx < size[0] and 0.0 < ty < size[1] and MINIMUM_DEPTH_MM <= tz <= size[2]):
         inside = f"0 < x < {size[0]:g}, 0 < y < {size[1]:g}, {MINIMUM_DEPTH_MM:g} <= z <= {size[2]:g}"
         return [Problem("trajectory.target_mm", list(path.target_mm), f"must lie below the entry, inside {inside}")]
-    return _overlay_problems(path, tissue)
+    return block_problems(tissue, path.entry_mm) or _overlay_problems(path, tissue)
 
 
 def _mesh_path_problems(path: StraightTrajectory, tissue: Tissue) -> list[Problem]:
@@ -231,6 +245,17 @@ def _delay_problems(controller: Controller, dt_s: float) -> list[Problem]:
     return [Problem("controller.delay_s", controller.delay_s, allowed)]
 
 
+def hold_problems(noise_hold_s: float | None, dt_s: float) -> list[Problem]:
+    """A time that noise is held for which is no multiple of the step."""
+    if noise_hold_s is None:
+        return []
+    nearest_s = max(1, round(noise_hold_s / dt_s)) * dt_s
+    if abs(noise_hold_s - nearest_s) <= 1e-6 * dt_s:
+        return []
+    allowed = f"must be a multiple of dt_s = {dt_s:g} s, at most 10 s; the nearest is {nearest_s:g}"
+    return [Problem("noise_hold_s", noise_hold_s, allowed)]
+
+
 def _derivative_problems(controller: Controller, solver: Solver) -> list[Problem]:
     """The exact Jacobian differentiates equations that a linearised step does not fulfil."""
     if solver.mode == "converged" or not isinstance(controller, InverseFem):
@@ -261,4 +286,6 @@ def _model_problems(controller: Controller, tissue: Tissue) -> list[Problem]:
     if cells > MAXIMUM_CELLS and tissue.mesh_file is None:
         allowed = f"gives {cells} cells, at most {MAXIMUM_CELLS} are allowed"
         problems.append(Problem("controller.model.element_size_mm", model.element_size_mm, allowed))
+    if tissue.mesh_file is None:
+        problems += block_problems(tissue.model_copy(update={"element_size_mm": model.element_size_mm}), None)
     return problems

@@ -51,9 +51,11 @@ from simcore.scenario.controller_blocks import (
 from simcore.scenario.controller_rules import CONDITIONS, training_warnings, with_file_digest
 from simcore.scenario.rules import (
     delay_steps,
+    hold_problems,
     problems_between,
     separate_model,
     steps_along,
+    with_entry,
     with_mesh,
     with_model_spacing,
     with_spacing,
@@ -112,7 +114,14 @@ class Scenario(Block):
     seed: Annotated[int, Field(strict=True)] = Field(default=0, ge=0, le=2**53 - 1, description="0 to 2^53 - 1")
     dt_s: Number = bounded(0.01, 1e-4, 0.1, "time step [ours]")
     noise_mm: Number = bounded(
-        0.0, 0.0, 5.0, "uniform noise of the target per axis, redrawn every 10 ms [paper: 0.25 in training]"
+        0.0, 0.0, 5.0, "uniform noise of the target per axis, held for noise_hold_s [paper: 0.25 in training]"
+    )
+    noise_hold_s: Number | None = Field(
+        default=None,
+        ge=1e-4,
+        le=10.0,
+        description="s until the target noise is redrawn, a multiple of dt_s, 0.0001 to 10; null = 10 ms, which is "
+        "every step at the default dt_s, and every step where steps are longer [paper: every step; ours: its length]",
     )
     success_mm: Number = bounded(
         2.0, 0.01, 50.0, "success needs the tip this near to the end of the path after the last step [ours]"
@@ -142,6 +151,7 @@ class Scenario(Block):
         """Settle the derived fields, then check the rules between fields."""
         settle = object.__setattr__
         settle(self, "tissue", with_mesh(self.tissue))
+        settle(self, "trajectory", with_entry(self.trajectory, self.tissue))
         settle(self, "interaction", with_spacing(self.interaction, self.tissue))
         controller = with_model_spacing(self.controller, self.interaction, self.tissue)
         settle(self, "controller", with_file_digest(controller))
@@ -154,7 +164,7 @@ class Scenario(Block):
             controller=self.controller,
             solver=self.solver,
             dt_s=self.dt_s,
-        )
+        ) + hold_problems(self.noise_hold_s, self.dt_s)
         if problems:
             raise ScenarioError(problems)
         return self

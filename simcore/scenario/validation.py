@@ -80,6 +80,8 @@ def _problem(item: ErrorDetails, place: _Place) -> Problem:
     if item["type"] == "union_tag_invalid":
         kinds = item["ctx"]["expected_tags"].replace("'", "")
         return Problem(f"{place.name}.kind", _item(place.value, "kind"), f"must be one of {kinds}")
+    if item["type"] == "union_tag_not_found":
+        return Problem(f"{place.name}.kind", None, f"is missing; it must be one of {', '.join(_kinds(place.field))}")
     message = item["msg"].replace("Input should", "should").replace("Field required", "is missing")
     message = message.replace("Tuple", "list").replace("String", "text").replace(" after validation", "")
     allowed = place.field.description if place.field and not _models(place.field) else None
@@ -99,8 +101,15 @@ def _field(model: type[BaseModel], name: str) -> FieldInfo | None:
 
 def _models(field: FieldInfo) -> list[type[BaseModel]]:
     """The model of a block, the models of a union of kinds, nothing for a plain value."""
-    members: tuple[Any, ...] = get_args(field.annotation) or (field.annotation,)
+    members: list[Any] = [field.annotation]
+    while any(get_args(member) for member in members):  # unions, lists, annotations
+        members = [part for member in members for part in get_args(member) or (member,)]
     return [member for member in members if isinstance(member, type) and issubclass(member, BaseModel)]
+
+
+def _kinds(field: FieldInfo | None) -> list[str]:
+    """The kinds of a union."""
+    return [model.model_fields["kind"].default for model in _models(field)] if field else []
 
 
 def _shown(name: str) -> str:

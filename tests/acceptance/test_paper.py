@@ -33,6 +33,8 @@ TINY = {
     "element_size_mm": 20.0,
     "dt_s": 0.05,
     "training": 3,
+    "retraining": 2,
+    "quiet": 1,
     "samples": 300,
     "seeds": 1,
     "lin": 2,
@@ -147,7 +149,7 @@ def content(folder: Path) -> dict[str, bytes]:
 
 def test_a_run_is_extended_to_another_scale_and_keeps_what_it_has(tmp_path: Path) -> None:
     folder = tmp_path / "run"
-    (case, *_) = resolve_cases([case for case in plan().stages[1].cases if case.id == "lin-000-ifem"])
+    (case, *_) = resolve_cases([case for case in plan().stages[2].cases if case.id == "lin-000-ifem"])
     with open_folder(folder, identity(plan())) as first:
         first.keep(Outcome(case, {"status": "completed", "provenance": {"scenario": case.scenario}}))
     for _ in range(2):

@@ -10,7 +10,7 @@ import pytest
 from benchmarks.trend import Loss, Mark, Point, judge, judge_all, lasting_losses
 
 CASES = [f"case-{i}" for i in range(12)]
-BASE = Point(0.0, "a", "cpu", dict.fromkeys(CASES, 0.1), dict.fromkeys(CASES, "d"), 12, 2.0)
+BASE = Point(0.0, "a", "cpu", dict.fromkeys(CASES, 0.1), dict.fromkeys(CASES, "d"), 12, 2.0, {})
 
 
 def shifted(by_mm: float, cases: list[str]) -> Point:
@@ -77,3 +77,12 @@ def test_half_of_a_loss_made_good_is_still_a_loss() -> None:
     steps = [12, 8, 10]
     history = [replace(BASE, successes=count) for count in steps]
     assert lasting_losses(history) == [Loss("success", 1, "10 of 12 succeeded, 12 before")]
+
+
+@pytest.mark.parametrize("broken", [math.nan, math.inf, -math.inf])
+def test_errors_that_are_no_numbers_never_win(broken: float) -> None:
+    odd = replace(BASE, rmse_commanded_mm=dict.fromkeys(CASES, broken), digests=dict.fromkeys(CASES, "e"))
+    assert judge(odd, [BASE]).accuracy is Mark.WORSE
+    assert judge(BASE, [odd]).accuracy is Mark.BETTER
+    assert judge(odd, [replace(odd, digests=dict.fromkeys(CASES, "f"))]).accuracy is Mark.SAME
+    assert odd.median_rmse_mm == math.inf

@@ -92,7 +92,7 @@ class FakeRun:
         radius = scenario.needle.outer_diameter_mm * 0.5e-3
         path = self.path.curve(np.linspace(0, 1, 101))
         scene = Scene(
-            scenario, scenario.steps, self.nodes, self.tets, self.triangles, path, path[0], radius
+            scenario, scenario.steps, self.nodes, self.tets, self.triangles, np.array([0, 1]), path, path[0], radius
         )  # fmt: skip
         observer.begin(scene, self.record(0))
         for step in range(1, scenario.steps + 1):

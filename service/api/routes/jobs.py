@@ -15,7 +15,7 @@ from service.api.idempotency import IdempotencyKey, own_key
 from service.api.job_view_cache import EncodedJob
 from service.api.openapi import documented
 from service.api.parameters import Cursor, JobId
-from service.api.schemas.jobs import JobPage, JobRequest, JobSummary, JobView, State
+from service.api.schemas.jobs import JobPage, JobRequest, JobSummary, JobView, Outcome, State
 from service.store.job import Job, content_hash
 from service.store.paging import read_page
 from simcore.file_names import names_mean
@@ -85,13 +85,15 @@ def list_jobs(
     state: Annotated[State | None, Query(description="Only jobs in this state.")] = None,
     name: Annotated[str | None, Query(max_length=100, description="Only jobs of this name.")] = None,
     campaign: Annotated[str | None, Query(max_length=32, description="Only insertions of this campaign.")] = None,
+    outcome: Annotated[Outcome | None, Query(description="Only jobs that finished with this outcome.")] = None,
     limit: Annotated[int, Query(ge=1, le=200, description="Most items of the page.")] = 50,
     cursor: Cursor = None,
 ) -> JobPage:
     """A page of jobs, without their scenarios and results."""
 
     def newest(most: int, before: int | None) -> list[Job]:
-        return service.store.newest(state=state, name=name, campaign=campaign, limit=most, before=before)
+        wanted = {"state": state, "outcome": outcome, "name": name, "campaign": campaign}
+        return service.store.newest(**wanted, limit=most, before=before)
 
     page = read_page(newest, size=limit, cursor=cursor)
     return JobPage(items=[JobSummary.of(job) for job in page.items], next_cursor=page.next_cursor)

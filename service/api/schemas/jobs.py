@@ -11,6 +11,20 @@ from service.api.schemas.timestamps import utc
 from service.store.job import FINISHED, INSERTION, TIME_LIMIT, TRAINING, Artefact, Event, Job, TimeLimit
 
 State = Literal["queued", "running", "finished", "failed", "cancelled", "timed_out"]
+Outcome = Literal[
+    "success",
+    "missed",
+    "not_converged",
+    "inverted",
+    "not_finite",
+    "not_positive_definite",
+    "tissue_left",
+    "channel_left",
+    "target_lost",
+    "buckled",
+    "authority_lost",
+    "shaft_beside",
+]
 
 ScenarioInput = Annotated[
     Any,
@@ -103,6 +117,9 @@ class JobSummary(BaseModel):
     kind: Literal["insertion", "training"] = Field(description="What it does: simulate, or train a model.")
     name: str
     state: State
+    outcome: Outcome | None = Field(
+        description="Of a job that finished: success, missed (completed, without success), or why its run ended early."
+    )
     attempt: int = Field(description="How many times it was started.")
     priority: int
     timeout_s: float
@@ -125,6 +142,7 @@ class JobSummary(BaseModel):
             "kind": job.kind,
             "name": job.name,
             "state": job.state,
+            "outcome": job.outcome,
             "attempt": job.attempt,
             "priority": job.priority,
             "timeout_s": job.timeout_s,
@@ -146,7 +164,7 @@ class JobSummary(BaseModel):
 
 
 class JobView(JobSummary):
-    """A job with all of its data. A run that did not succeed or converge is a result; `failed` means a crash."""
+    """A job with all of its data. A run that missed or did not converge has an outcome; `failed` means a crash."""
 
     scenario: dict[str, Any] | None = Field(description="The fully resolved scenario; null for a training.")
     training: dict[str, Any] | None = Field(description="The training; null for an insertion.")

@@ -380,3 +380,40 @@ def test_the_next_job_is_found_without_looking_at_the_others(store: Store) -> No
             steps = [row.detail for row in connection.exec_driver_sql(f"EXPLAIN QUERY PLAN {text}")]
         assert len(steps) == 1
         assert "USING COVERING INDEX ix_job_queued" in steps[0], steps
+
+
+# ---- outcomes
+
+
+@pytest.mark.parametrize(
+    ("kind", "result", "outcome"),
+    [
+        ("insertion", {"status": "completed", "metrics": {"success": True}}, "success"),
+        ("insertion", {"status": "completed", "metrics": {"success": False}}, "missed"),
+        ("insertion", {"status": "target_lost", "metrics": {"success": False}}, "target_lost"),
+        ("insertion", {"status": "of another version", "metrics": {}}, "missed"),
+        ("training", {"metrics": {"model": "a.json"}}, "success"),
+    ],
+)
+def test_a_job_that_finished_has_an_outcome(store: Store, kind: str, result: dict[str, Any], outcome: str) -> None:
+    job = submit(store, kind=kind)
+    assert (job.outcome, claim(store).outcome) == (None, None)
+    done = store.finish(store.get(job.id), Outcome(state="finished", result=result))
+    assert (done.outcome, store.get(job.id).outcome) == (outcome, outcome)
+    assert store.events(job.id)[-1].data == {"outcome": outcome}
+    assert [one.id for one in store.newest(outcome=outcome)] == [job.id]
+    assert store.newest(outcome="inverted") == []
+    assert store.outcomes() == {outcome: 1}
+
+
+def test_a_job_that_left_no_result_has_no_outcome(store: Store) -> None:
+    submit(store)
+    done = store.finish(claim(store), Outcome(state="failed", error_kind="exception", error="x"))
+    assert (done.outcome, store.outcomes()) == (None, {})
+
+
+def test_outcomes_are_counted_in_a_fixed_order(store: Store) -> None:
+    for status in ("buckled", "completed", "buckled"):
+        submit(store)
+        store.finish(claim(store), Outcome(state="finished", result={"status": status, "metrics": {}}))
+    assert list(store.outcomes().items()) == [("missed", 1), ("buckled", 2)]

@@ -134,7 +134,7 @@ def test_contact_on_a_slanted_surface(tmp_path: Path) -> None:
         ({"trajectory": {"kind": "sine", "direction": [4.0, 3.0, 40.0]}}, "trajectory.direction", "across the path"),
         ({"tissue": {"fixed_sets": ["top"]}}, "tissue.fixed_sets", "is not in cylinder.vtk, which has ends=NUMBER"),
         ({"tissue": {"fixed_sets": ["ends=3"]}}, "tissue.fixed_sets", "is empty"),
-        ({"tissue": {"fixed_sets": [], "fixed_faces": []}}, "tissue.fixed_sets", "at least one set"),
+        ({"tissue": {"fixed_sets": [], "fixed_faces": []}}, "tissue.fixed_faces", "must name a face"),
         ({"tissue": {"fixed_sets": [], "fixed_faces": ["x_min"]}}, "tissue.fixed_faces", "flat: y_min, y_max"),
         ({"tissue": {"mesh_sha256": "0" * 64}}, "tissue.mesh_file", "has changed"),
         (

@@ -16,10 +16,10 @@ from numpy.typing import NDArray
 from simcore.errors import Problem, ScenarioError, Status
 from simcore.file_names import names_mean, nothing
 from simcore.mesh.mesh import BoxMesh, box_mesh
-from simcore.mesh.numbering import held_nodes
 from simcore.mesh.reader import MAXIMUM_MB, load_mesh
 from simcore.rollout.rollout import run
 from simcore.scenario.build import tissue_model
+from simcore.scenario.held_parts import held_of
 from simcore.scenario.mesh_rules import MAXIMUM_FACTOR_MB
 from simcore.scenario.scenario import Scenario
 from tests.simcore.block import BLOCK_MM, block_scenario
@@ -129,7 +129,7 @@ def test_every_format_gives_the_box_back(tmp_path: Path, name: str, capfd: pytes
     assert {tuple(t) for t in np.sort(model.mesh.tets)} == {tuple(t) for t in np.sort(box.mesh.tets)}
     np.testing.assert_array_equal(model.unknown < 0, box.unknown < 0)
     assert scenario.tissue.size_mm == BLOCK_MM
-    assert scenario.tissue.fixed_faces == ()
+    assert (scenario.tissue.fixed_faces, scenario.tissue.held_faces) == (None, ())
     assert scenario.tissue.element_size_mm == pytest.approx(1200.0 ** (1 / 3), abs=1e-6)  # 48 cells
     assert scenario.tissue.mesh_sha256 == hashlib.sha256(path.read_bytes()).hexdigest()
 
@@ -162,12 +162,10 @@ def test_flat_sides_of_the_bounding_box_can_be_held_too(tmp_path: Path) -> None:
     plain = Scenario.load(box_fields(path)).tissue
     both = Scenario.load(box_fields(path, fixed_faces=["x_max"], fixed_sets=[held])).tissue
     mesh = tissue_model(plain).mesh
-    assert plain.fixed_faces == ("y_min", "y_max")
-    np.testing.assert_array_equal(
-        held_nodes(mesh, plain.fixed_faces, plain.fixed_sets), np.union1d(BOX.faces["y_min"], BOX.faces["y_max"])
-    )
+    assert plain.held_faces == ("y_min", "y_max")
+    np.testing.assert_array_equal(held_of(plain, mesh), np.union1d(BOX.faces["y_min"], BOX.faces["y_max"]))
     expected = np.unique(np.concatenate([BOX.faces[face] for face in ("x_max", "y_min", "y_max")]))
-    np.testing.assert_array_equal(held_nodes(tissue_model(both).mesh, both.fixed_faces, both.fixed_sets), expected)
+    np.testing.assert_array_equal(held_of(both, tissue_model(both).mesh), expected)
 
 
 @pytest.mark.parametrize("unit_mm", [1000.0, 25.4])

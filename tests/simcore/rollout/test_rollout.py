@@ -15,7 +15,7 @@ import numpy as np
 import pytest
 from hypothesis import HealthCheck, given, settings
 
-from simcore.errors import Status
+from simcore.errors import ScenarioError, Status
 from simcore.metrics import MEASURED
 from simcore.rollout import rollout as module
 from simcore.rollout.artefacts import write
@@ -188,6 +188,22 @@ def test_noise_is_bounded_and_only_on_what_the_controller_sees(plain: Rollout) -
     expected = held_noise(np.random.default_rng(11), amplitude_m=0.25e-3, hold_s=0.01, dt_s=0.1, steps=len(noise) - 1)
     np.testing.assert_allclose(noise, expected, atol=1e-16)
     assert np.abs(noise).max() > 0.2e-3
+
+
+def test_noise_is_held_for_as_long_as_the_scenario_says() -> None:
+    """Three steps of 0.1 s each, the first draws of the same seed."""
+    series = run(short(noise_hold_s=0.3)).series
+    noise = series["target_noisy_m"] - series["target_m"]
+    expected = held_noise(np.random.default_rng(11), amplitude_m=0.25e-3, hold_s=0.3, dt_s=0.1, steps=len(noise) - 1)
+    np.testing.assert_allclose(noise, expected, atol=1e-16)
+    np.testing.assert_allclose(noise[0], noise[2], atol=1e-16)
+    assert np.abs(noise[3] - noise[2]).max() > 1e-5
+
+
+@pytest.mark.parametrize("hold_s", [0.01, 0.25])
+def test_a_hold_that_is_no_multiple_of_the_step_is_refused(hold_s: float) -> None:
+    with pytest.raises(ScenarioError, match=rf"noise_hold_s = {hold_s}: must be a multiple of dt_s = 0.1 s"):
+        short(noise_hold_s=hold_s)
 
 
 # ---- the observer

@@ -146,6 +146,7 @@ def test_defaults_are_those_of_version_1() -> None:
         "seed": 0,
         "dt_s": 0.01,
         "noise_mm": 0.0,
+        "noise_hold_s": None,
         "success_mm": 2.0,
         "tissue": {
             "size_mm": [36.0, 62.0, 122.0],
@@ -155,8 +156,9 @@ def test_defaults_are_those_of_version_1() -> None:
             "density_kg_m3": 0.0,
             "rayleigh_mass_per_s": 0.0,
             "rayleigh_stiffness_s": 0.0,
-            "fixed_faces": ["y_min", "y_max"],
+            "fixed_faces": None,
             "fixed_sets": [],
+            "fixed_regions": [],
             "mesh_file": None,
             "mesh_unit_mm": 1.0,
             "mesh_sha256": None,

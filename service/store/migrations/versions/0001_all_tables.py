@@ -38,6 +38,7 @@ def _create_job() -> None:
         sa.Column("spec_hash", sa.String(64), nullable=False),
         sa.Column("steps", sa.Integer, nullable=False),
         sa.Column("state", sa.String(16), nullable=False),
+        sa.Column("outcome", sa.String(32)),
         sa.Column("priority", sa.Integer, nullable=False),
         sa.Column("timeout_s", sa.Float, nullable=False),
         sa.Column("attempt", sa.Integer, nullable=False),
@@ -72,6 +73,7 @@ def _create_job() -> None:
         postgresql_where=sa.text("state = 'queued'"),
     )
     op.create_index("ix_job_state_seq", "job", ["state", "seq"])
+    op.create_index("ix_job_outcome_seq", "job", ["outcome", "seq"])
 
 
 def _create_artefact() -> None:
