@@ -8,6 +8,7 @@ from simcore import plugins
 from simcore.errors import Problem
 from simcore.scenario.blocks import StraightTrajectory, Tissue
 from simcore.scenario.controller_blocks import Controller, Learned, Plugin
+from simcore.scenario.suggestions import did_you_mean
 
 CONDITIONS = ("dt_s", "tissue", "needle", "interaction", "motion")  # fields that a model was trained under
 NAMES = ("mesh_file",)  # of files, which their digests tell apart
@@ -31,7 +32,10 @@ def plugin_problems(controller: Controller) -> list[Problem]:
     if controller.name in known:
         return []
     there = f"installed: {', '.join(known)}" if known else "none is installed; see: needlebench example controller"
-    return [Problem("controller.name", controller.name, f"is no controller of the group {plugins.GROUP}; {there}")]
+    meant = did_you_mean(controller.name, known)
+    return [
+        Problem("controller.name", controller.name, f"is no controller of the group {plugins.GROUP}; {there}{meant}")
+    ]
 
 
 def training_warnings(controller: Controller, trajectory: StraightTrajectory, conditions: dict[str, Any]) -> list[str]:
