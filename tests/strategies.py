@@ -81,7 +81,7 @@ def controllers(draw: st.DrawFn) -> Json:
             "kind": kind,
             "depth_mm": draw(between(1.0, 1000.0)),
             "gain": draw(between(0.0, 2.0)),
-            "damping": draw(between(1e-4, 10.0)),
+            "direction_speed_mm_s": draw(between(1.0, 1e5)),
             "model": draw(separate_models()),
         }
     if kind == "replay":
@@ -92,7 +92,7 @@ def controllers(draw: st.DrawFn) -> Json:
         "rcm_gain": draw(between(0.0, 2.0)),
         "rcm_weight": draw(between(0.0, 10.0)),
         "orientation": draw(st.sampled_from(["rcm", "axis"])),
-        "damping": draw(between(1e-4, 10.0)),
+        "direction_speed_mm_s": draw(between(1.0, 1e5)),
         "lever_arm_mm": draw(between(1.0, 1000.0)),
         "jacobian": draw(st.sampled_from(["constraint", "perturbation"])),
         "derivative": draw(st.sampled_from(["fast", "exact"])),
@@ -134,12 +134,15 @@ def scenarios(draw: st.DrawFn) -> Json:
     dt = draw(between(1e-4, 0.1))
     trajectory["speed_mm_s"] = draw(between(max(0.1, 1.01 * length / (MAXIMUM_STEPS * dt)), 1000.0))
     outer = draw(between(0.1, 5.0))
+    controller = {**draw(controllers()), "delay_s": draw(st.integers(0, 5)) * dt}
+    exact = (controller.get("jacobian"), controller.get("derivative")) == ("constraint", "exact")
     return {
         "schema": "needlebench/scenario/1",
         "name": draw(NAMES),
         "seed": draw(st.integers(0, 2**53 - 1)),
         "dt_s": dt,
         "noise_mm": draw(between(0.0, 5.0)),
+        "noise_hold_s": draw(st.none() | st.integers(1, 100).map(lambda count: count * dt)),
         "tissue": tissue,
         "needle": {
             "length_mm": draw(between(max(20.0, length + STAND_OFF_MM), 1000.0)),
@@ -159,8 +162,9 @@ def scenarios(draw: st.DrawFn) -> Json:
         },
         "trajectory": trajectory,
         "robot": {"max_speed_mm_s": draw(between(0.1, 1000.0)), "max_turn_deg_s": draw(between(0.1, 3600.0))},
-        "controller": {**draw(controllers()), "delay_s": draw(st.integers(0, 5)) * dt},
+        "controller": controller,
         "solver": {
+            "mode": draw(st.sampled_from(["converged"] if exact else ["converged", "linearised"])),
             "force_tolerance_n": draw(between(1e-12, 1e-2)),
             "violation_tolerance_mm": draw(between(1e-10, 1e-1)),
             "max_iterations": draw(st.integers(1, 10_000)),
@@ -173,7 +177,7 @@ steered = st.sampled_from(
     [
         {"kind": "ifem"},
         {"kind": "open_loop"},
-        {"kind": "ifem", "damping": 1e-4, "gain": 2.0},
+        {"kind": "ifem", "direction_speed_mm_s": 1e5, "gain": 2.0},
         {"kind": "ifem", "rcm_weight": 0.1, "delay_s": 0.1},
         {"kind": "ifem", "orientation": "axis"},
         {"kind": "rigid"},
@@ -213,7 +217,10 @@ def small_runs(draw: st.DrawFn) -> Json:
         },
         "trajectory": trajectory,
         "controller": draw(st.one_of(steered, steered, replays_near(trajectory["entry_mm"], length + STAND_OFF_MM))),
-        "solver": {"max_iterations": draw(st.sampled_from([1, 10, 60]))},
+        "solver": {
+            "max_iterations": draw(st.sampled_from([1, 10, 60])),
+            "mode": draw(st.sampled_from(["converged", "converged", "linearised"])),
+        },
         "recording": {"enabled": draw(st.booleans()), "every_steps": draw(st.integers(1, 3))},
     }
 

@@ -170,7 +170,7 @@ def young_cases(scale: Scale, models: Models) -> list[Case]:
     some = [*straight_paths(scale.reference_young), *curved_paths(scale.reference_young, scale.reference_directions)]
     steered = ("ifem", "elm") if scale.young_ifem else ("elm",)
     cases = []
-    for path, arm in [*_pairs(everything, steered), *_pairs(some, REFERENCES)]:
+    for path, arm in [*pairs(everything, steered), *pairs(some, REFERENCES)]:
         block = controller(arm, scale, models)
         if arm == "ifem":
             nominal = {"young_kpa": 6.3, "element_size_mm": scale.element_size_mm}
@@ -193,7 +193,7 @@ def sensitivity_cases(scale: Scale, models: Models) -> list[Case]:
     cases = []
     for variation in VARIATIONS:
         arms = ("ifem",) if variation.ifem_only else (*STEERED, "open_loop")
-        for path, arm in _pairs(paths, arms):
+        for path, arm in pairs(paths, arms):
             name = f"sens-{variation.name}-{path.name}-{arm}"
             data = scenario(
                 name, scale, seed=0, trajectory=path.trajectory(), controller=controller(arm, scale, models)
@@ -235,7 +235,8 @@ def timing_cases(scale: Scale, models: Models) -> list[Case]:
     return cases
 
 
-def _pairs(paths: Sequence[Path], arms: Sequence[str]) -> Iterator[tuple[Path, str]]:
+def pairs(paths: Sequence[Path], arms: Sequence[str]) -> Iterator[tuple[Path, str]]:
+    """Every arm along every path, path by path."""
     return ((path, arm) for path in paths for arm in arms)
 
 

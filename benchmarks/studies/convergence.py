@@ -165,7 +165,7 @@ def _row(
         steps=int(run.metrics["steps_completed"]),
         tip_end_mm=float(apart[-1]),
         tip_max_mm=float(apart.max()),
-        rmse_mm=run.metrics["rmse_mm"],
+        rmse_commanded_mm=run.metrics["rmse_commanded_mm"],
         entry_mean_n=float(entry.mean()),
         entry_max_n=float(entry.max()),
         push_mean_n=float(pushed.mean()),

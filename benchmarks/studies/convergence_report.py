@@ -47,7 +47,7 @@ class VariantRow:
     steps: int
     tip_end_mm: float
     tip_max_mm: float
-    rmse_mm: float | None
+    rmse_commanded_mm: float | None
     entry_mean_n: float
     entry_max_n: float
     push_mean_n: float
@@ -111,7 +111,7 @@ def _label(row: VariantRow) -> str:
 
 
 def _markdown(base: Scenario, source_run: ObservedRun, tables: list[Table]) -> str:
-    rmse = source_run.metrics["rmse_mm"]
+    rmse = source_run.metrics["rmse_commanded_mm"]
     head = [
         "# Convergence",
         "",

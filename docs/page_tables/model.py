@@ -8,7 +8,8 @@ from typing import TYPE_CHECKING, get_args
 from pydantic import BaseModel
 
 from page_tables.markdown import table
-from simcore.metric_definitions import METRICS, SERIES, STATUSES
+from simcore.errors import STATUSES
+from simcore.metric_definitions import METRICS, SERIES
 from simcore.scenario.parameters import Parameter, parameters
 from simcore.scenario.scenario import Scenario
 

@@ -11,7 +11,7 @@ from benchmarks.grid.suite import grid
 from benchmarks.paper.suites import suite
 from service.admission.cost import TYPICAL_STEP_S, Cost, check_cost, time_limit_s
 from service.store.campaign import CampaignPlan, PlannedJob
-from service.store.job import TIME_LIMIT, TimeLimit, content_hash
+from service.store.job import TIME_LIMIT, Label, TimeLimit, content_hash
 from simcore.errors import Problem, ScenarioError
 from simcore.file_names import names_mean
 from simcore.scenario.presets import start
@@ -44,9 +44,7 @@ class CampaignRequest(BaseModel):
         },
     )
 
-    name: Annotated[str, StringConstraints(min_length=1, max_length=100)] | None = Field(
-        None, description="Its name in lists; default: the suite's name, or grid."
-    )
+    name: Label | None = Field(None, description="Its name in lists; default: the suite's name, or grid.")
     suite: Annotated[str, StringConstraints(min_length=1, max_length=100)] | None = Field(
         None, description="Name of a suite; /api/v1/suites lists them."
     )

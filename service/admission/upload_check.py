@@ -33,7 +33,10 @@ class UnusableUploadError(ValueError):
 
 
 def inspect(path: Path, kind: str) -> dict[str, Any]:
-    """The content: counts of a mesh, rows of a data set, settings and origin of a model. Raises UnusableUploadError."""
+    """The content: counts of a mesh, rows of a data set, rows of poses, settings and origin of a model.
+
+    Raises UnusableUploadError.
+    """
     command = [sys.executable, "-m", "service.admission.upload_check", kind, str(path)]
     try:
         done = subprocess.run(
@@ -54,6 +57,8 @@ def read_content(path: Path, kind: str) -> dict[str, Any]:
     """The content, read in this process. Raises UnusableUploadError."""
     if kind == "mesh":
         return _mesh(path)
+    if kind == "poses":
+        return _poses(path)
     if kind == "dataset":
         check_arrays(path)
         return _learned(dataset_content, path)
@@ -70,6 +75,16 @@ def _mesh(path: Path) -> dict[str, Any]:
     except ScenarioError as error:
         raise UnusableUploadError(error.problems[0].message.replace(path.name, "the file")) from None
     return {"nodes": nodes, "tetrahedra": tets}
+
+
+def _poses(path: Path) -> dict[str, Any]:
+    from simcore.errors import ScenarioError
+    from simcore.scenario.pose_file import digest_of_poses, load_poses
+
+    try:
+        return {"poses": len(load_poses(str(path), digest_of_poses(str(path), None)))}
+    except ScenarioError as error:
+        raise UnusableUploadError(error.problems[0].message) from None
 
 
 def _learned(content: Callable[[Path], dict[str, Any]], path: Path) -> dict[str, Any]:

@@ -20,6 +20,7 @@ _CAUSES = {
     403: "The scope of the key does not cover this, or a page from another origin sent the request.",
     404: "It does not exist.",
     409: "Its state does not allow this.",
+    410: "The file was damaged since it was written.",
     412: "It was changed since it was read.",
     413: "The body is too long.",
     414: "The address is too long.",

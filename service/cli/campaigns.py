@@ -10,7 +10,16 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from service.cli.campaign_request import campaign_request, check_request
-from service.cli.campaign_text import follow_campaign, millimetres, print_plan, print_scores, print_trend, where
+from service.cli.campaign_text import (
+    BESIDE_HEAD,
+    follow_campaign,
+    print_comparisons,
+    print_plan,
+    print_scores,
+    print_trend,
+    trend_line,
+    where,
+)
 from service.cli.connection import data_option, service_client, url_option, with_field_errors
 from simcore.errors import Problem, ScenarioError
 
@@ -121,7 +130,7 @@ def run(
         _save(client, done, options["csv_file"], options["report_file"])
         print_scores(client.campaign_results(done.id))
         worse = print_trend(client, done)
-        lost = done.cases - done.jobs.get("succeeded", 0)
+        lost = done.cases - done.jobs.get("finished", 0)
         if lost:
             click.echo(f"{lost} of {done.cases} jobs have no result", err=True)
         if lost or (worse and options["fail_on_regression"]):
@@ -228,14 +237,7 @@ def compare(campaigns: tuple[str, ...], controllers: tuple[str, str] | None, as_
         return
     if comparison["shared_cases"] is not None:
         click.echo(f"{comparison['same_digests']} of {comparison['shared_cases']} shared cases have the same digest")
-    if not comparison["comparisons"]:
-        click.echo("they have no paths in common")
-    for one in comparison["comparisons"]:
-        low, high = one["difference_interval_mm"]
-        interval = "" if low is None or high is None else f" [{low:+.4f}, {high:+.4f}]"
-        difference = "failed" if one["difference_mm"] is None else f"{one['difference_mm']:+.4f} mm"
-        names = f"{one['group']:<12}{one['first']} - {one['second']}"
-        click.echo(f"{names:<42}{difference}{interval}  p = {one['p_primary']:.2g}  {one['pairs']} pairs")
+    print_comparisons(comparison["comparisons"])
 
 
 @campaign.command()
@@ -253,13 +255,10 @@ def trend(suite: str, as_json: bool, url: str | None) -> None:
         points = client.trend(suite)
         if not points:
             click.echo(f"no campaign of {suite} has ended yet; to list campaigns: needlebench campaign list", err=True)
+        if points and not as_json:
+            click.echo(f"{'':<53}{BESIDE_HEAD}")
         for point in points:
             if as_json:
                 click.echo(json.dumps(point))
                 continue
-            step = "" if point["step_ms"] is None else f"{point['step_ms']:.2f} ms"
-            commit = (point["commit"] or "unknown")[:8]
-            mark = "REGRESSION" if point["regression"] else ""
-            ends = f"{point['successes']} of {point['cases']}"
-            rmse = millimetres(point["median_rmse_mm"])
-            click.echo(f"{point['at'][:16]}  {commit:<9}{ends:<14}{rmse:<14}{step:<10}{point['campaign']}  {mark}")
+            click.echo(trend_line(point))

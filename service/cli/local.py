@@ -156,7 +156,9 @@ def view(file: Path, picture: Path | None, at_s: float | None, size: tuple[int, 
     from service.recording import viewer
 
     if picture is not None:
-        viewer.screenshot(file, picture, at_s=at_s, size=size)
+        from service.recording.screenshot import screenshot
+
+        screenshot(file, picture, at_s=at_s, size=size)
         click.echo(picture)
         return
     click.get_current_context().exit(viewer.show(file))

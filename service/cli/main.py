@@ -41,6 +41,8 @@ _COMMANDS = {  # name -> (module, what it does); the order is that of the help
     "recording": ("recording", "Open or download the recording of a job."),
     "verify": ("verify", "Run a result again and compare."),
     "gc": ("operations", "Remove old jobs with their files, and unused uploads."),
+    "backup": ("backups", "Back up a data folder while its service works."),
+    "restore": ("backups", "Put a backup in the place of a data folder's database."),
     "doctor": ("operations", "Check this installation: versions, cache, disk, port, viewer, data folder."),
     "key": ("keys", "Create, list and revoke the API keys of a data folder."),
     "campaign": ("campaigns", "Run suites and parameter grids, compare them, show their trend."),

@@ -84,8 +84,8 @@ def _of_job(job_id: str, url: str | None, data: Path | None, observer: Observer 
     if not re.fullmatch("[0-9a-z]{1,32}", job_id):
         raise CannotVerifyError("is neither a file nor the id of a job")
     if data is not None:
+        from service.files.endpoint import endpoint
         from service.files.lock import LockHeldError, file_lock
-        from service.server.endpoint import endpoint
 
         try:
             with file_lock(data / "server.lock"):

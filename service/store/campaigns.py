@@ -6,7 +6,7 @@ import secrets
 from dataclasses import fields
 from typing import TYPE_CHECKING, Any
 
-from sqlalchemy import Connection, Row, case, delete, func, insert, select, update
+from sqlalchemy import Connection, Row, Select, case, delete, func, insert, select, update
 
 from service.store import schema
 from service.store.campaign import (
@@ -16,14 +16,17 @@ from service.store.campaign import (
     Campaign,
     CampaignActiveError,
     CampaignCase,
+    CampaignPinnedError,
     CampaignPlan,
     Tally,
     UnknownCampaignError,
 )
 from service.store.job import QUEUED, TERMINAL
 from service.store.job import RUNNING as JOB_RUNNING
+from service.store.job_queries import check_room
 from service.store.schema import campaign as _campaign
 from service.store.schema import campaign_case as _case
+from service.store.turns import lane_of
 from service.store.upload_references import check_uploads
 
 if TYPE_CHECKING:
@@ -41,20 +44,25 @@ class CampaignStore:
     def __init__(self, store: Store) -> None:
         self._store = store
 
-    def create(self, plan: CampaignPlan) -> Campaign:
-        """A running campaign with all of its jobs queued, or nothing."""
+    def create(self, plan: CampaignPlan, *, owner: str | None = None) -> Campaign:
+        """A running campaign with all of its jobs queued, or nothing. owner: the API key that asked.
+
+        Raises QueueFullError, UploadGoneError.
+        """
         with self._store.writing() as connection:
-            return self.create_within(connection, plan)
+            return self.create_within(connection, plan, owner=owner)
 
     def create_within(
         self,
         connection: Connection,
         plan: CampaignPlan,
         *,
+        owner: str | None = None,
         schedule_id: str | None = None,
         scheduled_for: float | None = None,
     ) -> Campaign:
         """`create` as a part of a larger transaction."""
+        check_room(connection, owner, self._store.limits, more=len(plan.jobs))
         check_uploads(connection, plan.uploads, {"request": plan.request})
         now = self._store.now
         values = {
@@ -70,6 +78,7 @@ class CampaignStore:
                 cancel_requested=False,
                 schedule_id=schedule_id,
                 scheduled_for=scheduled_for,
+                owner=owner,
                 created_at=now,
                 version=1,
             )
@@ -93,6 +102,8 @@ class CampaignStore:
             "cancel_requested": False,
             "created_at": now,
             "version": 1,
+            "owner": made.owner,
+            "lane": lane_of(made.owner, made.id),
         }
         own = ("name", "spec", "spec_hash", "steps")
         jobs = [{"id": i, **{n: getattr(job, n) for n in own}, **common} for i, job in zip(ids, plan.jobs, strict=True)]
@@ -255,17 +266,28 @@ class CampaignStore:
     def delete(self, campaign_id: str) -> list[str]:
         """Forget a campaign that has ended, with its jobs; the ids of these, whose folders may go.
 
-        Raises UnknownCampaignError, CampaignActiveError.
+        Raises UnknownCampaignError, CampaignActiveError, CampaignPinnedError.
         """
         with self._store.writing() as connection:
             if not self._read(connection, campaign_id).terminal:
                 raise CampaignActiveError(f"campaign {campaign_id} is running: cancel it first")
             mine = select(_case.c.job_id).where(_case.c.campaign_id == campaign_id, _case.c.job_id.is_not(None))
+            _check_removable(connection, campaign_id, mine)
             ids = list(connection.execute(mine).scalars())
             connection.execute(delete(_job).where(_job.c.id.in_(mine)))
             self._store.changed_within(ids)
             connection.execute(delete(_campaign).where(_campaign.c.id == campaign_id))
         return ids
+
+
+def _check_removable(connection: Connection, campaign_id: str, mine: Select[Any]) -> None:
+    """Each job must be one that could be deleted by itself: at its end and not pinned."""
+    active = select(_job.c.id).where(_job.c.id.in_(mine), _job.c.state.not_in(sorted(TERMINAL))).limit(1)
+    if (job := connection.execute(active).scalar_one_or_none()) is not None:
+        raise CampaignActiveError(f"job {job} of campaign {campaign_id} has not ended: cancel it first")
+    pinned = select(_job.c.id).where(_job.c.id.in_(mine), _job.c.pinned).limit(1)
+    if (job := connection.execute(pinned).scalar_one_or_none()) is not None:
+        raise CampaignPinnedError(f"job {job} of campaign {campaign_id} is pinned: unpin it first")
 
 
 def _tally(connection: Connection, campaign_id: str) -> Tally:

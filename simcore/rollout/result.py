@@ -9,7 +9,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from simcore.provenance import provenance
-from simcore.rollout.authority import AUTHORITY, authority_warnings
+from simcore.rollout.authority import AUTHORITY
+from simcore.rollout.cautions import run_warnings
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -19,7 +20,8 @@ if TYPE_CHECKING:
 
 TIMES = ("plant_s", "jacobian_s", "command_s", "recording_s")  # clock readings of a step, s
 FRAMES = ("tissue_m", "tissue_frame_step")  # kept tissue states and their steps
-UNDIGESTED = (*TIMES, *FRAMES, *AUTHORITY)  # clock readings, frames of which the last one is digested, what is derived
+DERIVED = ("min_det_f_at_m", "max_strain", "entry_drag_m", "needle_stress_pa")  # from the states of both bodies
+UNDIGESTED = (*TIMES, *FRAMES, *AUTHORITY, *DERIVED)  # clock readings, frames but the last, what is derived
 
 
 @dataclass(frozen=True)
@@ -36,7 +38,7 @@ class Rollout:
 
     @property
     def success(self) -> bool:
-        """Completed, reached the end, never lost the target (see `metrics`)."""
+        """Followed the path to its end, with a needle below its yield stress (see `metrics`)."""
         return bool(self.metrics["success"])
 
     @property
@@ -58,7 +60,7 @@ class Rollout:
     @property
     def warnings(self) -> list[str]:
         """What the run showed that calls for a second look, beside what the scenario warns of."""
-        return authority_warnings(self.series, self.scenario.controller)
+        return run_warnings(self.series, self.scenario)
 
     def result(self) -> dict[str, Any]:
         """The content of result.json."""

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from simcore.rollout.authority import authority_arrays
-from simcore.rollout.result import FRAMES, TIMES
+from simcore.rollout.result import DERIVED, FRAMES, TIMES
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -35,6 +35,7 @@ _COPIED = (
     "violation_m",
     "min_det_f",
     "max_displacement_m",
+    *DERIVED,
 )
 
 

@@ -44,6 +44,7 @@ def insertion_of(scenario: Scenario, *, keeps_tissue: bool = True) -> Insertion:
         tolerances=tolerances(scenario.solver),
         entry_m=entry_m,
         dt_s=scenario.dt_s,
+        linearised=scenario.solver.mode == "linearised",
     )
     return Insertion(model, motion=breathing_motion(scenario.motion), keeps_tissue=keeps_tissue)
 

@@ -19,12 +19,13 @@ from simcore.scenario.blocks import (
     Interaction,
     Needle,
     SineTrajectory,
+    Solver,
     Still,
     StraightTrajectory,
     Tissue,
 )
 from simcore.scenario.controller_blocks import Controller, FrozenJacobian, InverseFem, Replay, SeparateModel
-from simcore.scenario.controller_rules import plugin_problems
+from simcore.scenario.controller_rules import plugin_problems, pose_count, pose_problems
 from simcore.scenario.held_parts import block_problems, nothing_held, region_problems
 from simcore.trajectory import step_count
 
@@ -39,6 +40,7 @@ def problems_between(
     trajectory: StraightTrajectory,
     motion: Still | Breathing,
     controller: Controller,
+    solver: Solver,
     dt_s: float,
 ) -> list[Problem]:
     """All that is wrong between the fields of a scenario whose fields are each in range."""
@@ -50,8 +52,9 @@ def problems_between(
             or [*_length_problems(trajectory, needle), *_step_problems(steps_along(trajectory, controller, dt_s), dt_s)]
         ),
         *_motion_problems(motion),
-        *_pose_problems(controller),
+        *pose_problems(controller),
         *_delay_problems(controller, dt_s),
+        *_derivative_problems(controller, solver),
         *_model_problems(controller, tissue),
         *plugin_problems(controller),
     ]
@@ -60,7 +63,7 @@ def problems_between(
 def steps_along(trajectory: StraightTrajectory, controller: Controller, dt_s: float) -> int:
     """Number of steps: the replay's poses, or ceil(path length / (speed dt))."""
     if isinstance(controller, Replay):
-        return len(controller.poses)
+        return pose_count(controller)
     return step_count(trajectory.path().length_m, trajectory.speed_mm_s * 1e-3, dt_s)
 
 
@@ -234,30 +237,33 @@ def _motion_problems(motion: Still | Breathing) -> list[Problem]:
     return []
 
 
-def _pose_problems(controller: Controller) -> list[Problem]:
-    if not isinstance(controller, Replay):
-        return []
-    for i, pose in enumerate(controller.poses):
-        norm = math.hypot(*pose[3:])
-        if abs(norm - 1.0) > 1e-3:
-            return [
-                Problem(
-                    f"controller.poses[{i}]",
-                    list(pose),
-                    f"must hold a unit quaternion qw, qx, qy, qz; its norm is {norm:.6g}",
-                )
-            ]
-        if max(abs(c) for c in pose[:3]) > 10_000.0:
-            return [Problem(f"controller.poses[{i}]", list(pose), "must lie within +-10000 mm")]
-    return []
-
-
 def _delay_problems(controller: Controller, dt_s: float) -> list[Problem]:
     nearest_s = delay_steps(controller, dt_s) * dt_s
     if abs(controller.delay_s - nearest_s) <= 1e-6 * dt_s:
         return []
     allowed = f"must be a multiple of dt_s = {dt_s:g} s, from 0 to 1 s; the nearest is {nearest_s:g}"
     return [Problem("controller.delay_s", controller.delay_s, allowed)]
+
+
+def hold_problems(noise_hold_s: float | None, dt_s: float) -> list[Problem]:
+    """A time that noise is held for which is no multiple of the step."""
+    if noise_hold_s is None:
+        return []
+    nearest_s = max(1, round(noise_hold_s / dt_s)) * dt_s
+    if abs(noise_hold_s - nearest_s) <= 1e-6 * dt_s:
+        return []
+    allowed = f"must be a multiple of dt_s = {dt_s:g} s, at most 10 s; the nearest is {nearest_s:g}"
+    return [Problem("noise_hold_s", noise_hold_s, allowed)]
+
+
+def _derivative_problems(controller: Controller, solver: Solver) -> list[Problem]:
+    """The exact Jacobian differentiates equations that a linearised step does not fulfil."""
+    if solver.mode == "converged" or not isinstance(controller, InverseFem):
+        return []
+    if (controller.jacobian, controller.derivative) != ("constraint", "exact"):
+        return []
+    allowed = "must be fast with solver.mode = linearised: it differentiates a converged step"
+    return [Problem("controller.derivative", controller.derivative, allowed)]
 
 
 def _with_spacing(model: SeparateModel, interaction: Interaction, tissue: Tissue) -> SeparateModel:

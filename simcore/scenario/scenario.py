@@ -49,9 +49,10 @@ from simcore.scenario.controller_blocks import (
     SharedModel,
     SmallNetwork,
 )
-from simcore.scenario.controller_rules import CONDITIONS, training_warnings, with_model_digest
+from simcore.scenario.controller_rules import CONDITIONS, training_warnings, with_file_digest
 from simcore.scenario.rules import (
     delay_steps,
+    hold_problems,
     problems_between,
     separate_model,
     steps_along,
@@ -117,7 +118,17 @@ class Scenario(Block):
     seed: Annotated[int, Field(strict=True)] = Field(default=0, ge=0, le=2**53 - 1, description="0 to 2^53 - 1")
     dt_s: Number = bounded(0.01, 1e-4, 0.1, "time step [ours]")
     noise_mm: Number = bounded(
-        0.0, 0.0, 5.0, "uniform noise of the target per axis, redrawn every 10 ms [paper: 0.25 in training]"
+        0.0, 0.0, 5.0, "uniform noise of the target per axis, held for noise_hold_s [paper: 0.25 in training]"
+    )
+    noise_hold_s: Number | None = Field(
+        default=None,
+        ge=1e-4,
+        le=10.0,
+        description="s until the target noise is redrawn, a multiple of dt_s, 0.0001 to 10; null = 10 ms, which is "
+        "every step at the default dt_s, and every step where steps are longer [paper: every step; ours: its length]",
+    )
+    success_mm: Number = bounded(
+        2.0, 0.01, 50.0, "success needs the tip this near to the end of the path after the last step [ours]"
     )
     tissue: Tissue = Field(default=Tissue(), description="the soft block")
     needle: Needle = Field(default=Needle(), description="the flexible tube that the robot holds")
@@ -126,7 +137,7 @@ class Scenario(Block):
     motion: Motion = Field(default=Still(), description="how the held nodes of the tissue move")
     robot: Robot = Field(default=Robot(), description="speed limits of the needle's base")
     controller: Controller = Field(default=InverseFem(), description="what steers the base")
-    solver: Solver = Field(default=Solver(), description="when a step counts as converged")
+    solver: Solver = Field(default=Solver(), description="how a step is solved")
     recording: Recording = Field(default=Recording(), description="what is kept for looking at")
 
     @model_validator(mode="before")
@@ -147,7 +158,7 @@ class Scenario(Block):
         settle(self, "trajectory", with_entry(self.trajectory, self.tissue))
         settle(self, "interaction", with_spacing(self.interaction, self.tissue))
         controller = with_model_spacing(self.controller, self.interaction, self.tissue)
-        settle(self, "controller", with_model_digest(controller))
+        settle(self, "controller", with_file_digest(controller))
         problems = problems_between(
             tissue=self.tissue,
             needle=self.needle,
@@ -155,8 +166,9 @@ class Scenario(Block):
             trajectory=self.trajectory,
             motion=self.motion,
             controller=self.controller,
+            solver=self.solver,
             dt_s=self.dt_s,
-        )
+        ) + hold_problems(self.noise_hold_s, self.dt_s)
         if problems:
             raise ScenarioError(problems)
         return self

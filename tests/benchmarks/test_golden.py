@@ -9,7 +9,7 @@ import pytest
 from tests.benchmarks.golden import FILE, KEPT, SCHEMA, changes_of_cases, measure, origin
 
 GOLDEN = json.loads(FILE.read_text())
-TO_THE_NANOMETRE = ("rmse_mm", "rcm_mean_mm", "rcm_max_mm", "max_insertion_force_n")  # and to the micronewton
+TO_THE_NANOMETRE = ("rmse_commanded_mm", "rcm_mean_mm", "rcm_max_mm", "max_push_n")  # and to the micronewton
 SAME_MACHINE = 1e-6  # mm, N
 OTHER_MACHINE = 1e-3  # mm, N: twice the furthest that two kinds of x86-64 processors were seen apart
 

@@ -23,7 +23,7 @@ def imported(code: str) -> set[str]:
     ("code", "unwanted"),
     [
         ("import service.server.server", SIMULATION | {"alembic"}),
-        ("import service.client.client, service.cli.service, service.server.endpoint", SIMULATION | SERVICE),
+        ("import service.client.client, service.cli.service, service.files.endpoint", SIMULATION | SERVICE),
         ("import service.cli.main", SIMULATION | SERVICE | {"numpy", "pydantic", "httpx", "rich"}),
     ],
     ids=["server", "client", "command"],

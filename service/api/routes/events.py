@@ -58,7 +58,7 @@ async def get_job_events(
     last_event_id: LastEventId = None,
     accept: Annotated[str | None, Header()] = None,
 ) -> Response:
-    """Kinds: queued, started, progress, requeued, crashed, cancel_requested, succeeded, failed, cancelled, timed_out.
+    """Kinds: queued, started, progress, requeued, crashed, cancel_requested, finished, failed, cancelled, timed_out.
 
     As a stream it ends after the event that ends the job. Progress comes at most twice a second and has no id.
     """

@@ -156,7 +156,13 @@ def made_run(tip_offset_mm: float, dt: float, *, steps: int = 100) -> ObservedRu
         "insertion_force_n": 0.2 * t + tip_offset_mm,
         "lateral_sum_n": 0.3 * t,
     }
-    metrics = {"steps_completed": steps, "steps": steps, "rmse_mm": 0.5, "lambda_ratio": None, "min_det_f": 0.9}
+    metrics = {
+        "steps_completed": steps,
+        "steps": steps,
+        "rmse_commanded_mm": 0.5,
+        "lambda_ratio": None,
+        "min_det_f": 0.9,
+    }
     return ObservedRun("completed", "", metrics, {"iterations_mean": 2.0}, series)
 
 

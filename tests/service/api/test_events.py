@@ -37,7 +37,7 @@ def test_the_events_of_a_job_are_listed_from_any_number_on(both: tuple[TestClien
     http.post(f"{JOBS}/{other}/cancel")
     finish(service)
     items = http.get(f"{JOBS}/{job}/events").json()["items"]
-    assert [item["kind"] for item in items] == ["queued", "started", "succeeded"]
+    assert [item["kind"] for item in items] == ["queued", "started", "finished"]
     assert {item["job"] for item in items} == {job}
     rest = http.get(f"{JOBS}/{job}/events", params={"after": items[0]["id"]}).json()["items"]
     assert rest == items[1:]
@@ -63,7 +63,7 @@ def test_an_ended_job_streams_its_whole_log_and_ends(both: tuple[TestClient, Ser
     answer = http.get(f"{JOBS}/{job}/events", headers={"Accept": "text/event-stream"})
     assert answer.headers["content-type"].startswith("text/event-stream")
     kinds = [line.removeprefix("event: ") for line in answer.text.splitlines() if line.startswith("event: ")]
-    assert kinds == ["queued", "started", "succeeded"]
+    assert kinds == ["queued", "started", "finished"]
     assert answer.text.count("\nid: ") == 3
 
 
@@ -81,7 +81,7 @@ def test_a_job_that_failed_is_queued_again_and_one_that_did_not_is_refused(both:
     assert (done.id, done.attempt) == (job, 2)
     assert http.post(f"{url}/retry").status_code == 409
     kinds = [item["kind"] for item in http.get(f"{url}/events").json()["items"]]
-    assert kinds == ["queued", "started", "failed", "queued", "started", "succeeded"]
+    assert kinds == ["queued", "started", "failed", "queued", "started", "finished"]
 
 
 def test_a_pinned_job_is_kept(both: tuple[TestClient, Service]) -> None:
@@ -113,6 +113,6 @@ def test_a_stream_tells_each_progress_once_and_remembers_no_job_that_has_ended(
             assert [job.id for job in _advanced(running, versions)] == [started.id]
             assert _advanced(running, versions) == []
         assert list(versions) == [started.id]
-        service.store.finish(started, Outcome(state="succeeded", result={}))
+        service.store.finish(started, Outcome(state="finished", result={}))
         assert _advanced(service.store.newest(state="running"), versions) == []
         assert versions == {}

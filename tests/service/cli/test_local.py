@@ -143,7 +143,14 @@ def test_run_writes_everything_and_reports(simulation: Simulation, source: str, 
     assert result.exit_code == 0, result.output
     assert {path.name for path in out.iterdir()} == FILES
     assert simulation.scenarios == [short()]
-    for text in ("short: completed", "rmse_mm", "0.25", "realtime_factor", "0123456789abcdef", "recording.rrd"):
+    for text in (
+        "short: completed",
+        "rmse_commanded_mm",
+        "0.25",
+        "realtime_factor",
+        "0123456789abcdef",
+        "recording.rrd",
+    ):
         assert text in result.stdout
     assert result.stderr == ""
 

@@ -109,7 +109,7 @@ def steered(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, str]:
         folder = data / job.folder
         spec = InsertionSpec(job_id=job.id, scenario=(job.spec or {})["scenario"], files=service.settings.uploads)
         folder.mkdir(parents=True)
-        service.store.finish(job, Outcome(state="succeeded", result=run_job(spec.to_json(), folder)))
+        service.store.finish(job, Outcome(state="finished", result=run_job(spec.to_json(), folder)))
     return data, job.id
 
 

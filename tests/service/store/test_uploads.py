@@ -99,6 +99,30 @@ def test_a_job_names_an_upload_and_holds_it_until_it_has_ended(
     assert "no upload of this service" in told.json()["detail"]
 
 
+def test_a_replay_names_its_poses_as_an_upload_and_never_as_a_path(http: TestClient, tmp_path: Path) -> None:
+    rows = np.array([[18.0, 31.0, -180.0 + 0.5 * i, 1.0, 0.0, 0.0, 0.0] for i in range(1000)])
+    np.save(tmp_path / "log.npy", rows)
+    data = (tmp_path / "log.npy").read_bytes()
+    sent = send(http, data, "log.npy", "poses").json()
+    assert (sent["kind"], sent["content"]) == ("poses", {"poses": 1000})
+    controller = {"kind": "replay", "poses_file": sent["reference"]}
+    job = http.post(JOBS, json={"scenario": {"controller": controller}})
+    assert job.status_code == 202
+    assert job.json()["progress"]["steps"] == 1000
+    assert job.json()["scenario"]["controller"]["poses_sha256"] == hashlib.sha256(data).hexdigest()
+    assert len(job.content) < 10_000  # the job keeps the name, not the poses
+    assert http.delete(f"{UPLOADS}/{sent['id']}").status_code == 409
+    controller = {"kind": "replay", "poses_file": str(tmp_path / "log.npy")}
+    refused = http.post(JOBS, json={"scenario": {"controller": controller}})
+    assert refused.status_code == 422
+    assert refused.json()["errors"][0]["field"] == "controller.poses_file"
+    wrong = io.BytesIO()
+    np.save(wrong, rows[:, :6])
+    refused = send(http, wrong.getvalue(), "log.npy", "poses")
+    assert refused.status_code == 422
+    assert "rows of 7 numbers, and is 1000 x 6" in refused.json()["detail"]
+
+
 @pytest.mark.parametrize("path", [JOBS, "/api/v1/campaigns"])
 def test_an_upload_that_goes_while_something_is_submitted_is_told(
     both: tuple[TestClient, Service], tmp_path: Path, path: str

@@ -38,9 +38,9 @@ def ifem(s: Scenario) -> InverseFem:
     return s.controller
 
 
-def rmse_mm(rollout: Rollout) -> float:
+def rmse_commanded_mm(rollout: Rollout) -> float:
     assert rollout.status is Status.COMPLETED, rollout.message
-    return float(rollout.metrics["rmse_mm"])
+    return float(rollout.metrics["rmse_commanded_mm"])
 
 
 def test_a_model_equal_to_the_plant_steers_as_the_shared_one() -> None:
@@ -57,12 +57,12 @@ def test_every_difference_of_the_model_reaches_the_controller(change: dict[str, 
     """Another model gives other commands, and still tracks: the tip error is measured on the plant."""
     shared, other = run(scenario({"kind": "shared"})), run(scenario({**TWIN, **change}))
     assert other.digest != shared.digest
-    (name, value), plain = next(iter(change.items())), rmse_mm(shared)
+    (name, value), plain = next(iter(change.items())), rmse_commanded_mm(shared)
     text, source = (
         f"separate model with {name} = {value:g}: tip RMSE above the shared model's",
         "feedback from the plant",
     )
-    worse, bound = max(rmse_mm(other) - plain, 0.0), plain + 0.02
+    worse, bound = max(rmse_commanded_mm(other) - plain, 0.0), plain + 0.02
     verify("control", text, expected=0, measured=worse, tolerance=bound, source=source, unit="mm")
 
 
@@ -70,7 +70,7 @@ def test_every_difference_of_the_model_reaches_the_controller(change: dict[str, 
 def test_every_jacobian_works_on_a_separate_model(controller: dict[str, Any]) -> None:
     model = {**TWIN, "young_kpa": 5.0}
     blocks = {"controller": {"kind": "ifem", "model": model, **controller}, "trajectory": {"target_mm": [13, 21, 3]}}
-    assert rmse_mm(run(scenario(model, **blocks))) < 0.5
+    assert rmse_commanded_mm(run(scenario(model, **blocks))) < 0.5
 
 
 def test_a_soft_plant_with_a_stiff_model_still_knows_the_plant_s_tip() -> None:

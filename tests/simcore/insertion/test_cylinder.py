@@ -59,7 +59,7 @@ def test_a_cylinder_runs(tmp_path: Path, frame: str) -> None:
     assert scenario.tissue.size_mm == pytest.approx((60.0, 80.0, 60.0))
     rollout = run(scenario)
     assert rollout.status is Status.COMPLETED, rollout.message
-    assert rollout.metrics["rmse_mm"] < (0.05 if frame == "world" else 1.0)
+    assert rollout.metrics["rmse_commanded_mm"] < (0.05 if frame == "world" else 1.0)
     assert rollout.series["depth_m"][-1] > 0.035
     assert rollout.digest == run(scenario).digest
 

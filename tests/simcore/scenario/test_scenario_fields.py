@@ -113,7 +113,7 @@ def test_a_field_has_a_description_and_a_default(model: type[BaseModel], name: s
     info = model.model_fields[name]
     assert info.description
     assert "\n" not in info.description
-    assert not info.is_required() or (model.__name__, name) in (("Replay", "poses"), ("Plugin", "name"))
+    assert not info.is_required() or (model.__name__, name) == ("Plugin", "name")
 
 
 @pytest.mark.parametrize("model", MODELS)
@@ -146,6 +146,8 @@ def test_defaults_are_those_of_version_1() -> None:
         "seed": 0,
         "dt_s": 0.01,
         "noise_mm": 0.0,
+        "noise_hold_s": None,
+        "success_mm": 2.0,
         "tissue": {
             "size_mm": [36.0, 62.0, 122.0],
             "element_size_mm": 6.0,
@@ -168,6 +170,7 @@ def test_defaults_are_those_of_version_1() -> None:
             "young_gpa": 200.0,
             "poisson": 0.29,
             "elements": 20,
+            "yield_mpa": 1030.0,
         },
         "interaction": {
             "spacing_mm": 6.0,
@@ -192,7 +195,7 @@ def test_defaults_are_those_of_version_1() -> None:
             "rcm_gain": 1.0,
             "rcm_weight": 1.0,
             "orientation": "rcm",
-            "damping": 0.05,
+            "direction_speed_mm_s": 300.0,
             "lever_arm_mm": 100.0,
             "jacobian": "constraint",
             "derivative": "fast",
@@ -201,7 +204,12 @@ def test_defaults_are_those_of_version_1() -> None:
             "delay_s": 0.0,
         },
         "motion": {"kind": "none"},
-        "solver": {"force_tolerance_n": 1e-5, "violation_tolerance_mm": 1e-5, "max_iterations": 60},
+        "solver": {
+            "mode": "converged",
+            "force_tolerance_n": 1e-5,
+            "violation_tolerance_mm": 1e-5,
+            "max_iterations": 60,
+        },
         "recording": {"enabled": True, "every_steps": 10},
     }
     sine = Scenario.load({"trajectory": {"kind": "sine"}}).resolved()["trajectory"]
