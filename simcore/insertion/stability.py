@@ -89,7 +89,8 @@ def _stiffness_of_tension(model: CoupledModel, solved: SolvedStep) -> Floats:
 
 def _held_rows(solved: SolvedStep) -> tuple[Floats, Floats]:
     """(r, 6n) how the held directions of the constraint points move with the needle, and the compliance of tissue and
-    line (r, r) m/N in them: across the shaft, along it too where a point sticks; in the surface unless the tip slips."""
+    line (r, r) m/N in them: across the shaft, along it too where a point sticks; in the surface unless the tip
+    slips."""
     at, active = solved.at, solved.active
     points, a, n = at.points, len(active.elements), len(solved.beams.upper)
     moves = np.zeros((a, 3, NODE * (n + 1)))
