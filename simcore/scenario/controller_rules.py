@@ -9,9 +9,11 @@ import numpy as np
 from simcore import plugins
 from simcore.arrays import Floats
 from simcore.errors import Problem
-from simcore.scenario.blocks import StraightTrajectory, Tissue
+from simcore.scenario.blocks import StraightTrajectory
 from simcore.scenario.controller_blocks import Controller, Learned, Plugin, Replay
+from simcore.scenario.held_parts import held_faces_of
 from simcore.scenario.pose_file import digest_of_poses, fault_of_poses, load_poses
+from simcore.scenario.suggestions import did_you_mean
 
 CONDITIONS = ("dt_s", "tissue", "needle", "interaction", "motion")  # fields that a model was trained under
 NAMES = ("mesh_file",)  # of files, which their digests tell apart
@@ -77,7 +79,10 @@ def plugin_problems(controller: Controller) -> list[Problem]:
         problem = plugins.problem_of(controller.name)
         return [] if problem is None else [Problem("controller.name", controller.name, problem)]
     there = f"installed: {', '.join(known)}" if known else "none is installed; see: needlebench example controller"
-    return [Problem("controller.name", controller.name, f"is no controller of the group {plugins.GROUP}; {there}")]
+    meant = did_you_mean(controller.name, known)
+    return [
+        Problem("controller.name", controller.name, f"is no controller of the group {plugins.GROUP}; {there}{meant}")
+    ]
 
 
 def training_warnings(controller: Controller, trajectory: StraightTrajectory, conditions: dict[str, Any]) -> list[str]:
@@ -118,8 +123,7 @@ def _block_differences(now: dict[str, Any], trained: dict[str, Any]) -> list[tup
 def _with_held_faces(tissue: dict[str, Any]) -> dict[str, Any]:
     """A tissue as JSON data with the faces that null stands for."""
     held = {"fixed_sets": [], "fixed_regions": [], **tissue}
-    block = Tissue.model_construct(**{name: held.get(name) for name in ("fixed_faces", "fixed_sets", "fixed_regions")})
-    return {**held, "fixed_faces": list(block.held_faces)}
+    return {**held, "fixed_faces": held_faces_of(held)}
 
 
 def _path_differences(path: StraightTrajectory, trained: dict[str, Any]) -> list[tuple[str, Any, str]]:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -21,6 +21,12 @@ if TYPE_CHECKING:
 def held_of(tissue: Tissue, mesh: Mesh) -> Ints:
     """The held nodes of the tissue's mesh. Raises KeyError for a face or a set that the mesh has not."""
     return held_nodes(mesh, tissue.held_faces, tissue.fixed_sets, [region.region() for region in tissue.fixed_regions])
+
+
+def held_faces_of(tissue: dict[str, Any]) -> list[str]:
+    """The faces that a tissue as JSON data holds: those that null stands for, too."""
+    names = ("fixed_faces", "fixed_sets", "fixed_regions")
+    return list(Tissue.model_construct(**{name: tissue.get(name) for name in names}).held_faces)
 
 
 def region_problems(tissue: Tissue) -> list[Problem]:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 from typing import Annotated, Any, Literal, Self
 
 from pydantic import ConfigDict, Field, ValidationError, model_validator
@@ -49,6 +50,7 @@ from simcore.scenario.controller_blocks import (
 )
 from simcore.scenario.controller_rules import CONDITIONS, training_warnings, with_file_digest
 from simcore.scenario.point_rules import separate_model, with_model_spacing, with_spacing
+from simcore.scenario.preset_data import PRESETS, unknown_preset
 from simcore.scenario.rules import (
     delay_steps,
     hold_problems,
@@ -91,6 +93,8 @@ __all__ = [
     "StraightTrajectory",
     "Tissue",
 ]
+
+SHORT_MM = 1.0  # a path so short was probably written in metres
 
 
 class Scenario(Block):
@@ -167,13 +171,16 @@ class Scenario(Block):
 
     @classmethod
     def load(cls, data: Any) -> Scenario:
-        """Validate a JSON value (dict) or a JSON text. Raises ScenarioError, which names every wrong field.
+        """Validate a JSON value (dict), a JSON text, or the name of a built-in scenario. Raises ScenarioError, which
+        names every wrong field.
 
         Files that it names are looked up as `simcore.file_names` says at that moment.
         """
         try:
             if isinstance(data, bytes):
                 data = data.decode(json.detect_encoding(data))  # a redirected PowerShell writes UTF-16
+            if isinstance(data, str) and re.fullmatch(r"\s*[\w./\\:~ -]+\s*", data):
+                return cls._named(data.strip())
             text = data if isinstance(data, str) else json.dumps(data)
         except (TypeError, ValueError, RecursionError) as error:
             raise ScenarioError([Problem("scenario", type(data).__name__, f"is not JSON: {error}")]) from None
@@ -181,6 +188,14 @@ class Scenario(Block):
             return cls.model_validate_json(text)
         except ValidationError as error:
             raise ScenarioError(problems_of(error, cls, text)) from None
+
+    @classmethod
+    def _named(cls, name: str) -> Scenario:
+        """The built-in scenario of a name, which is neither an object nor a list as JSON."""
+        if name in PRESETS:
+            return cls.load({"name": name, **PRESETS[name][1]})
+        allowed = f"is not JSON, and {unknown_preset(name)}; for a file: Scenario.load(open(name).read())"
+        raise ScenarioError([Problem("scenario", name, allowed)])
 
     def resolved(self) -> dict[str, Any]:
         """Every field with its value, as JSON data."""
@@ -211,5 +226,7 @@ class Scenario(Block):
             for field, value in frictions.items()
             if value > 0.3
         ]
+        if (length_mm := 1e3 * self.path().length_m) < SHORT_MM:
+            far.append(f"trajectory.target_mm: the path is {length_mm:.3g} mm long; are its points in metres?")
         conditions = self.model_dump(mode="json", include=set(CONDITIONS))
         return [*far, *training_warnings(self.controller, self.trajectory, conditions)]
