@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from enum import StrEnum
 from typing import Any
@@ -66,12 +67,21 @@ def _change(key: str, a: dict[str, Any] | None, b: dict[str, Any] | None) -> Cha
     if a is None or b is None or old is None or new is None:
         verdict = Verdict.ONLY_B if old is None else Verdict.ONLY_A
         return Change(key, known["unit"], old, new, None, verdict, known["met"])
+    if not (math.isfinite(old) and math.isfinite(new)):
+        return Change(key, b["unit"], old, new, None, _of_what_is_no_number(old, new), b["met"])
     noise = _noise(a, b)
     verdict = Verdict.SAME
     if abs(new - old) > noise:
         lower = new < old
         verdict = Verdict.BETTER if lower == (b["better"] == "lower") else Verdict.WORSE
     return Change(key, b["unit"], old, new, noise, verdict, b["met"])
+
+
+def _of_what_is_no_number(old: float, new: float) -> Verdict:
+    """NaN and infinities never win: a new one is worse than any number, an old one is no reference."""
+    if math.isfinite(new):
+        return Verdict.ONLY_B
+    return Verdict.WORSE if math.isfinite(old) else Verdict.SAME
 
 
 def _noise(a: dict[str, Any], b: dict[str, Any]) -> float:

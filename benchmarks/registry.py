@@ -40,7 +40,7 @@ BENCHMARKS = {
     "throughput": Benchmark(throughput, "two jobs at once on two cores, compared with one after the other"),
     "recording": Benchmark(recording, "a run with and without its recording"),
     "start-up": Benchmark(start, "process start to first step, warm and cold kernel cache"),
-    "memory": Benchmark(memory, "peak memory of a process at 1,617 and 5,270 nodes"),
+    "memory": Benchmark(memory, "peak memory of a process at 1,617 and 4,743 nodes"),
     "profile": Benchmark(profile, "share of each stage of a step"),
     "convergence": Benchmark(convergence, "bands of the default: three meshes, three spacings", study=True),
     "sweeps": Benchmark(sweeps_study, "tip, entry force and sum |lambda|, one parameter at a time", study=True),

@@ -34,7 +34,8 @@ class Mark(StrEnum):
 
 @dataclass(frozen=True)
 class Point:
-    """One run of a suite. rmse_mm: of each case by its id, inf where it failed; digests too.
+    """One run of a suite. rmse_commanded_mm: of each case by its id, inf where it failed; digests too. beside: medians
+    of what a small tip error may have been paid with, None where it was not measured.
 
     at: UTC seconds since 1970. machine: processor and number of cores. step_ms: median of the cases' median steps,
     None where none was measured.
@@ -43,15 +44,16 @@ class Point:
     at: float
     commit: str | None
     machine: str
-    rmse_mm: Mapping[str, float]
+    rmse_commanded_mm: Mapping[str, float]
     digests: Mapping[str, str]
     successes: int
     step_ms: float | None
+    beside: Mapping[str, float | None]
 
     @property
     def median_rmse_mm(self) -> float:
         """Median over the cases, failures last; nan of none."""
-        ordered = sorted(self.rmse_mm.values())
+        ordered = sorted(_ranked(error) for error in self.rmse_commanded_mm.values())
         return ordered[len(ordered) // 2] if ordered else math.nan
 
 
@@ -111,13 +113,13 @@ def lasting_losses(points: Sequence[Point]) -> list[Loss]:
 
 
 def _accuracy(point: Point, last: Point | None) -> tuple[Mark, str]:
-    shared = [case for case in point.rmse_mm if last is not None and case in last.rmse_mm]
+    shared = [case for case in point.rmse_commanded_mm if last is not None and case in last.rmse_commanded_mm]
     if last is None or not shared:
         return Mark.FIRST, "there is no earlier run of these cases"
     changed = [case for case in shared if point.digests.get(case) != last.digests.get(case)]
     if not changed:
         return Mark.SAME, f"all {len(shared)} digests unchanged"
-    gaps = [_gap(point.rmse_mm[case], last.rmse_mm[case]) for case in shared]
+    gaps = [_gap(point.rmse_commanded_mm[case], last.rmse_commanded_mm[case]) for case in shared]
     above, below = sum(gap > 0 for gap in gaps), sum(gap < 0 for gap in gaps)
     from scipy.stats import binomtest  # a second of imports that readers of this module do not wait for
 
@@ -130,13 +132,18 @@ def _accuracy(point: Point, last: Point | None) -> tuple[Mark, str]:
 
 
 def _gap(now_mm: float, then_mm: float) -> float:
-    return 0.0 if now_mm == then_mm else now_mm - then_mm  # two failures are a tie
+    now, then = _ranked(now_mm), _ranked(then_mm)
+    return 0.0 if now == then else now - then  # two failures are a tie
+
+
+def _ranked(error_mm: float) -> float:
+    return error_mm if math.isfinite(error_mm) else math.inf  # what is no number never wins
 
 
 def _success(point: Point, last: Point | None) -> tuple[Mark, str]:
-    if last is None or point.rmse_mm.keys() != last.rmse_mm.keys():
+    if last is None or point.rmse_commanded_mm.keys() != last.rmse_commanded_mm.keys():
         return Mark.FIRST, "there is no earlier run of the same cases"
-    why = f"{point.successes} of {len(point.rmse_mm)} succeeded, {last.successes} before"
+    why = f"{point.successes} of {len(point.rmse_commanded_mm)} succeeded, {last.successes} before"
     if point.successes == last.successes:
         return Mark.SAME, why
     return (Mark.WORSE if point.successes < last.successes else Mark.BETTER), why

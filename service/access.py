@@ -9,6 +9,7 @@ from simcore.errors import NeedlebenchError
 READ, SUBMIT, ADMIN = SCOPES = ("read", "submit", "admin")
 SAFE_METHODS = frozenset({"GET", "HEAD", "OPTIONS"})
 OPEN_PATHS = frozenset({"/healthz", "/readyz", "/login"})  # health checks carry no key; the login is where one is given
+NORMAL_PRIORITY = 0  # above, a job goes before those of everybody else
 SESSION_COOKIE = "needlebench_session"  # of a browser that has logged in
 
 
@@ -37,6 +38,11 @@ class Caller:
         """Raises ForbiddenError for what another key created, unless the scope is admin."""
         if self.key_id is None or owner != self.key_id:
             self.require(ADMIN, f"{thing} belongs to another key: this")
+
+    def require_priority(self, priority: int) -> None:
+        """Raises ForbiddenError for a priority above the normal one, which pushes others back, unless admin."""
+        if priority > NORMAL_PRIORITY:
+            self.require(ADMIN, f"priority {priority}, above the normal {NORMAL_PRIORITY},")
 
 
 def refusal(have: str, need: str, action: str) -> str:

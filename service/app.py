@@ -6,15 +6,17 @@ from contextlib import asynccontextmanager
 from typing import TYPE_CHECKING, Any, cast
 
 import anyio.to_thread
-from fastapi import FastAPI
+from fastapi import Depends, FastAPI
 
 from service.api import openapi, problems
 from service.api.middleware.body_limit import BodyLimit
+from service.api.middleware.compression import Compression
 from service.api.middleware.framework_errors import PlainTextErrors
 from service.api.middleware.head_requests import HeadAsGet
 from service.api.middleware.host_guard import HostGuard
 from service.api.middleware.key_guard import KeyGuard
 from service.api.middleware.request_log import RequestLog
+from service.api.ownership import check_owner
 from service.api.readiness import readings
 from service.api.routes import campaigns, events, jobs, keys, models, operations, results, schedules, system, uploads
 from service.version import installed_version
@@ -64,10 +66,9 @@ def create_app(service: Service) -> FastAPI:
     service.monitor.add(lambda: readings(service))
     app.openapi = openapi.document_builder(app)  # type: ignore[method-assign]
     problems.install(app, page=site.problem)
-    for route in ROUTES:
-        app.include_router(route.router)
-    for page in PAGES:
-        app.include_router(page.router)
+    for part in (*ROUTES, *PAGES):
+        app.include_router(part.router, dependencies=[Depends(check_owner)])
+    app.state.every_route = [route for part in (*ROUTES, *PAGES) for route in part.router.routes]
     _guard(app, service)
     app.add_middleware(cast("Any", RequestLog), monitor=service.monitor)
     return app
@@ -78,6 +79,7 @@ def _guard(app: FastAPI, service: Service) -> None:
     limits, settings = service.settings.limits, service.settings
     uploads = {"/api/v1/uploads": limits.upload_bytes}
     app.add_middleware(cast("Any", PlainTextErrors))
+    app.add_middleware(cast("Any", Compression))
     app.add_middleware(cast("Any", HeadAsGet))
     app.add_middleware(cast("Any", BodyLimit), maximum_bytes=limits.body_bytes, exceptions=uploads)
     app.add_middleware(cast("Any", KeyGuard), keys=service.keys, rate_per_key=limits.rate_per_key)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import io
 import json
 import logging
 import sys
@@ -17,7 +18,9 @@ if TYPE_CHECKING:
 
 LOG = "job.log"
 MAXIMUM_BYTES = 10 * 2**20  # of one job's log; what comes later is left out
+FULL = "the log is full: the rest is left out"
 ROOT = "needlebench"
+_LONGEST_LINE = 1 << 16
 
 Format = Literal["text", "json"]
 request_id: ContextVar[str | None] = ContextVar("request_id", default=None)
@@ -30,7 +33,7 @@ class JsonLines(logging.Formatter):
     def format(self, record: logging.LogRecord) -> str:
         """The record as a line of JSON."""
         line: dict[str, Any] = {
-            "time": _moment(record.created),
+            "time": moment(record.created),
             "level": record.levelname.lower(),
             "logger": record.name,
             "message": record.getMessage(),
@@ -45,10 +48,11 @@ class JsonLines(logging.Formatter):
 
 class _Text(logging.Formatter):
     def formatTime(self, record: logging.LogRecord, datefmt: str | None = None) -> str:  # noqa: N802, ARG002  (logging's)
-        return _moment(record.created)
+        return moment(record.created)
 
 
-def _moment(seconds: float) -> str:
+def moment(seconds: float) -> str:
+    """Seconds since 1970 as in every line of a log, UTC."""
     whole = time.strftime("%Y-%m-%dT%H:%M:%S", time.gmtime(seconds))
     return f"{whole}.{int(seconds % 1 * 1000):03d}Z"
 
@@ -80,6 +84,7 @@ def job_log(path: Path) -> Iterator[None]:
             warnings.showwarning = lambda message, category, *_: log.warning("%s: %s", category.__name__, message)
             yield
     finally:
+        printed.end()
         log.removeHandler(handler)
         log.setLevel(level)
         handler.close()
@@ -101,13 +106,13 @@ class _Bounded(logging.FileHandler):
         text = super().format(record)
         cut = text[: self._left]
         self._left -= len(text) + 1
-        return text if self._left > 0 else f"{cut}\nthe log is full: the rest is left out"
+        return text if self._left > 0 else f"{cut}\n{FULL}"
 
     def handleError(self, record: logging.LogRecord) -> None:  # noqa: N802  (logging's)
         """A log that cannot be written is no reason to stop a job."""
 
 
-class _Printed:
+class _Printed(io.TextIOBase):
     """Stands for standard output and standard error: each whole line becomes a line of the log."""
 
     def __init__(self, log: logging.Logger) -> None:
@@ -115,10 +120,24 @@ class _Printed:
         self._rest = ""
 
     def write(self, text: str) -> int:
+        """Log the whole lines; what has no end yet waits for it, up to a length."""
         *lines, self._rest = (self._rest + text).split("\n")
+        if len(self._rest) > _LONGEST_LINE:
+            lines.append(self._rest)
+            self._rest = ""
         for line in lines:
             self._log.info("%s", line)
         return len(text)
 
-    def flush(self) -> None:
-        pass
+    def end(self) -> None:
+        """Log what has no end."""
+        if self._rest:
+            self.write("\n")
+
+    def writable(self) -> bool:
+        """Always."""
+        return True
+
+    def fileno(self) -> int:
+        """Of standard output, which leads to the same log."""
+        return 1

@@ -55,7 +55,7 @@ class Limits(Section):
     """What is refused, and from where on; all defaults [ours]. 1 MB = 10^6 bytes."""
 
     body_mb: float = setting(
-        32, "NEEDLEBENCH_MAX_BODY_MB", "MB of a request's body, uploads apart", low=0.001, high=1000
+        1, "NEEDLEBENCH_MAX_BODY_MB", "MB of a request's body, uploads apart", low=0.001, high=1000
     )
     upload_mb: float = setting(64, "NEEDLEBENCH_MAX_UPLOAD_MB", "MB of an uploaded file", low=0.001, high=200)
     uploads_mb: float = setting(
@@ -103,6 +103,7 @@ class Settings(Section):
     minimum_free_mb: room on the disk below which no job is started, units of 2^20 bytes.
     drain_s: how long running jobs may go on once the service was asked to end; then they go back into the queue.
     keep_days, keep_gb: once a day jobs that ended longer ago go, then the oldest until the rest fits; None = no rule.
+    backups: copies of the database, one a day, in the data folder [ours].
     runner: `module:function` that does a job in a worker process; tests replace it.
     """
 
@@ -143,6 +144,13 @@ class Settings(Section):
         high=1e9,
         rule="must be 0 or more",
     )
+    connections: int = setting(
+        2000,
+        "NEEDLEBENCH_MAX_CONNECTIONS",
+        "connections at a time; default 2000, fewer where the system allows fewer open files",
+        low=16,
+        high=100_000,
+    )
     keep_days: float | None = setting(
         None,
         "NEEDLEBENCH_KEEP_DAYS",
@@ -156,6 +164,13 @@ class Settings(Section):
         "size above which the oldest ended jobs are; as --keep-gb",
         low=0,
         high=1_000_000,
+    )
+    backups: int = setting(
+        7,
+        "NEEDLEBENCH_BACKUPS",
+        "daily backups of the database that are kept, 0 for none; default 7",
+        low=0,
+        high=1000,
     )
     api_key: str | None = setting(
         None,

@@ -8,9 +8,7 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
-from simcore.errors import Status
-
-UNIT_OF_SUFFIX = {"_mm": "mm", "_m": "m", "_n": "N", "_nm": "N m", "_s": "s", "_ms": "ms"}
+UNIT_OF_SUFFIX = {"_mm": "mm", "_m": "m", "_n": "N", "_nm": "N m", "_s": "s", "_ms": "ms", "_mpa": "MPa", "_pa": "Pa"}
 UNITS = frozenset({*UNIT_OF_SUFFIX.values(), "1", "yes or no"})
 
 
@@ -54,10 +52,11 @@ METRICS = (
     Metric(
         "metrics.success",
         "yes or no",
-        "stable, reached the last step, and the tip error never stayed above 2 mm for more than 0.5 s",
+        "stable, the tip never more than 2 mm from the target of its command for more than 0.5 s, at most `success_mm` "
+        "from the end of the path after the last step, and the needle below `needle.yield_mpa`",
         1,
         1,
-        "the target was lost on the way",
+        "the target was lost on the way or at the end, or the needle would have yielded",
     ),
     Metric("metrics.steps_completed", "1", "converged steps", 1, None, "the run failed in its first step"),
     Metric(
@@ -68,23 +67,26 @@ METRICS = (
         None,
         "",
     ),
-    Metric(
-        "metrics.rmse_mm",
-        "mm",
-        "root mean square over all steps of e_i = n_tip(t_i+1) - n_traj(t_i), the tip against the target that the "
-        "command of that step was computed for [paper]",
-        0,
-        1,
-        "the controller does not follow the path; an open loop along `demo` has 2.1",
-    ),
-    Metric(
-        "metrics.rmse_same_index_mm",
-        "mm",
-        "root mean square of n_tip(t_i) - n_traj(t_i): the same without the shift, so that it includes the lag of one "
-        "step, 0.1 mm at 10 mm/s and 10 ms",
-        0,
-        1,
-        "as for rmse_mm",
+    *(
+        Metric(f"metrics.{quantity}_{family}_mm", "mm", f"{name} of {text}", 0, high, outside)
+        for family, text in (
+            (
+                "commanded",
+                "|e_i|, e_i = n_tip(t_i+1) - n_traj(t_i): the tip after each step against the target that its command "
+                "was computed for [paper]",
+            ),
+            (
+                "same_time",
+                "|n_tip(t_i) - n_traj(t_i)|, tip and target at the same time: it includes the lag of one step, 0.1 mm "
+                "at 10 mm/s and 10 ms",
+            ),
+        )
+        for quantity, name, high, outside in (
+            ("rmse", "root mean square over all steps", 1, "the controller does not follow the path"),
+            ("p95", "95th percentile", 1, "the error is large for a while"),
+            ("max", "largest value", 2, "above 2 mm the target counts as lost while it lasts"),
+            ("final", "value after the last completed step", 1, "the tip ends beside its target"),
+        )
     ),
     Metric(
         "metrics.cross_track_rmse_mm",
@@ -94,24 +96,6 @@ METRICS = (
         0,
         1,
         "the tip is off the path, not only late on it",
-    ),
-    Metric("metrics.p95_error_mm", "mm", "95th percentile of |e_i|", 0, 1, "the error is large for a while"),
-    Metric(
-        "metrics.max_error_mm",
-        "mm",
-        "largest |e_i|",
-        0,
-        2,
-        "above 2 mm the target counts as lost while it lasts",
-    ),
-    Metric(
-        "metrics.final_error_mm",
-        "mm",
-        "|n_tip - n_traj| after the last completed step, at the same time; it may exceed max_error_mm, which compares "
-        "with the target one step earlier",
-        0,
-        1,
-        "the tip ends beside its target",
     ),
     Metric(
         "metrics.rcm_mean_mm",
@@ -130,12 +114,28 @@ METRICS = (
         "the entry is dragged: a small tip error was paid for there; look at min_det_f",
     ),
     Metric(
-        "metrics.max_insertion_force_n",
+        "metrics.entry_drag_mm",
+        "mm",
+        "largest displacement along the surface of the tissue at the entry, that of the held nodes apart",
+        0,
+        2,
+        "the needle drags the entry sideways; beside it tetrahedra collapse",
+    ),
+    Metric(
+        "metrics.max_push_n",
         "N",
         "largest force of the robot on the needle's base along its axis, positive when it pushes",
         0.1,
         5,
         "below: the needle was never pushed in; above: it is bent so far that the push no longer reaches its tip",
+    ),
+    Metric(
+        "metrics.max_lateral_n",
+        "N",
+        "largest force of the robot on the needle's base across its axis",
+        0,
+        2,
+        "the needle is steered by force rather than by where it points",
     ),
     Metric(
         "metrics.max_tissue_displacement_mm",
@@ -146,6 +146,15 @@ METRICS = (
         "below: hardly any contact; above: far beyond small strains, the tissue law is linear",
     ),
     Metric(
+        "metrics.max_strain",
+        "1",
+        "largest |principal stretch - 1| of the tissue over all tetrahedra and steps, in practice beside the needle, "
+        "where it grows as the mesh and the spread of the forces shrink",
+        0.05,
+        0.5,
+        "below: hardly any contact; above: far beyond small strains, the tissue law is linear",
+    ),
+    Metric(
         "metrics.min_det_f",
         "1",
         "smallest determinant of the deformation gradient over all tetrahedra and steps; 1 = no change of volume; at "
@@ -153,6 +162,14 @@ METRICS = (
         0.5,
         1.0,
         "tetrahedra collapse, mostly beside the entry",
+    ),
+    Metric(
+        "metrics.max_needle_stress_mpa",
+        "MPa",
+        "largest stress of the needle over all beams and steps: E r kappa of bending plus |N| / A",
+        0,
+        500,
+        "from `needle.yield_mpa` on the needle would stay bent: the run is outside the model and no success",
     ),
     Metric(
         "metrics.lambda_ratio",
@@ -215,18 +232,21 @@ METRICS = (
     Metric(
         "solver.residual_max_n",
         "N",
-        "largest nodal force residual of a converged step",
+        "largest nodal force residual that a step left",
         0,
         1e-5,
-        "only with a larger solver.force_tolerance_n",
+        "only with a larger solver.force_tolerance_n, or with solver.mode = linearised",
     ),
     Metric(
         "solver.violation_max_m",
         "m",
-        "largest violation of a constraint in a converged step",
+        "largest violation of a constraint that a step left",
         0,
         1e-8,
-        "only with a larger solver.violation_tolerance_mm",
+        "only with a larger solver.violation_tolerance_mm, or with solver.mode = linearised",
+    ),
+    Metric(
+        "solver.held_nodes", "1", "nodes of the tissue that are held still", 3, 1e6, "never: such scenarios are refused"
     ),
 )
 
@@ -251,6 +271,12 @@ SERIES = (
     SeriesArray("residual_n", "N", ("rows",), "largest nodal force residual"),
     SeriesArray("violation_m", "m", ("rows",), "largest constraint violation"),
     SeriesArray("min_det_f", "1", ("rows",), "smallest determinant of the deformation gradient"),
+    SeriesArray("min_det_f_at_m", "m", ("rows", "3"), "centre at rest of the tetrahedron that has it; not digested"),
+    SeriesArray("max_strain", "1", ("rows",), "largest |principal stretch - 1| of the tissue; not digested"),
+    SeriesArray(
+        "entry_drag_m", "m", ("rows",), "displacement of the tissue at the entry along the surface; not digested"
+    ),
+    SeriesArray("needle_stress_pa", "Pa", ("rows",), "largest stress of the needle; not digested"),
     SeriesArray("max_displacement_m", "m", ("rows",), "largest displacement of a tissue node"),
     SeriesArray("plant_s", "s", ("rows",), "wall time of the coupled step"),
     SeriesArray("jacobian_s", "s", ("rows",), "wall time of the Jacobian"),
@@ -271,14 +297,3 @@ SERIES = (
     SeriesArray("tissue_m", "m", ("frames", "nodes", "3"), "nodes in each recorded frame, the last state always one"),
     SeriesArray("tissue_frame_step", "1", ("frames",), "step of each frame"),
 )
-
-STATUSES = {
-    Status.COMPLETED: "every step converged; whether the tip followed its path is `success`",
-    Status.NOT_CONVERGED: "a step's residual or constraint violation stayed above its tolerance, or no contact state "
-    "was consistent",
-    Status.INVERTED: "a tetrahedron of the tissue collapsed: min det F at 0.1 or below",
-    Status.NOT_FINITE: "a state held NaN or infinity",
-    Status.NOT_POSITIVE_DEFINITE: "the stiffness matrix could not be factored",
-    Status.TISSUE_LEFT: "the tip left the tissue elsewhere than where it came in",
-    Status.CHANNEL_LEFT: "a tip that was pushed in again missed the channel that it had cut",
-}

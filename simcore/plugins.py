@@ -2,16 +2,21 @@
 
 from __future__ import annotations
 
+import importlib
+import importlib.util
 from collections.abc import Callable
 from importlib.metadata import EntryPoint, entry_points
+from pathlib import Path
 from typing import Any
 
 from simcore.errors import NeedlebenchError
 
 GROUP = "needlebench.controllers"
 Factory = Callable[..., Any]  # (scenario, entry_m, needle_length_m, settings) -> controller
+Edition = tuple[str, str, float]  # of a controller: module and name, version of its package, time of its file
 
 _registered: dict[str, Factory] = {}
+_first: dict[str, Edition] = {}  # of each entry point, as this process saw it first
 
 
 class PluginError(NeedlebenchError):
@@ -32,15 +37,63 @@ def installed() -> list[str]:
     return sorted({*_registered, *(point.name for point in entry_points(group=GROUP))})
 
 
+def problem_of(name: str) -> str | None:
+    """Why an installed controller cannot be used in this process as it is installed now; None if it can.
+
+    Raises LookupError for an unknown one. Its code is not run.
+    """
+    if name in _registered:
+        return None
+    point = _entry_point(name)
+    importlib.invalidate_caches()  # it may have been installed a moment ago
+    edition = _edition(point)
+    if edition is None:
+        return (
+            f"is installed, but this process cannot find its module {point.module}: if it was installed meanwhile, "
+            "restart the service (or the program)"
+        )
+    if _first.setdefault(name, edition) != edition:
+        return "was changed since this process began, which would use the old one: restart the service (or the program)"
+    return None
+
+
+def note_installed() -> None:
+    """Remember all that are installed, as they are now: one that is changed later is refused by `problem_of`."""
+    for point in entry_points(group=GROUP):
+        if (edition := _edition(point)) is not None:
+            _first.setdefault(point.name, edition)
+
+
 def factory_of(name: str) -> Factory:
-    """The factory behind a name. Raises PluginError when its package cannot be imported, LookupError if unknown."""
+    """The factory behind a name. Raises PluginError when it cannot be used or imported, LookupError if unknown."""
     if name in _registered:
         return _registered[name]
+    point = _entry_point(name)
+    if (problem := problem_of(name)) is not None:
+        raise PluginError(f"controller {name!r} ({point.value}) {problem}")
+    try:
+        factory: Factory = point.load()
+    except Exception as error:
+        raise PluginError(f"controller {name!r} ({point.value}) cannot be loaded: {error}") from error
+    return factory
+
+
+def _entry_point(name: str) -> EntryPoint:
     points: list[EntryPoint] = [point for point in entry_points(group=GROUP) if point.name == name]
     if not points:
         raise LookupError(name)
+    return points[0]
+
+
+def _edition(point: EntryPoint) -> Edition | None:
+    """None if its module cannot be found: the package above all, so that nothing is imported for that."""
     try:
-        factory: Factory = points[0].load()
-    except Exception as error:
-        raise PluginError(f"controller {name!r} ({points[0].value}) cannot be loaded: {error}") from error
-    return factory
+        spec = importlib.util.find_spec(point.module.partition(".")[0])
+    except (ImportError, ValueError):
+        return None
+    if spec is None:
+        return None
+    version = "" if point.dist is None else point.dist.version
+    file = Path(spec.origin) if spec.origin else None
+    changed = file.stat().st_mtime if file is not None and file.is_file() else 0.0
+    return (point.value, version, changed)

@@ -16,7 +16,7 @@ from benchmarks.paper.analysis import score, scores
 from benchmarks.paper.comparison import as_json, compare
 from benchmarks.paper.failure_places import notable_cases
 from benchmarks.paper.report import failure, notable_insertions, rules
-from benchmarks.paper.table import Row, arms, only, rows
+from benchmarks.paper.table import Row, arms, beside, only, rows
 from benchmarks.paper.timing import costs, part_ms
 
 SCHEMA = "needlebench/grid/1"
@@ -81,9 +81,10 @@ def _point(place: Mapping[str, Label], mine: Sequence[Row]) -> Json:
         "insertions": len(mine),
         "failed": sum(row.failed for row in mine),
         "success": sum(row.success for row in mine) / len(mine),
-        "median_mm": statistics.middle([row.rmse_mm for row in mine]),
-        "worst_error_mm": max(row.ranked("max_error_mm") for row in mine),
-        "max_force_n": max((row.metrics.get("max_insertion_force_n") or math.nan for row in mine), default=math.nan),
+        "median_mm": statistics.middle([row.rmse_commanded_mm for row in mine]),
+        "worst_error_mm": max(row.ranked("max_commanded_mm") for row in mine),
+        "beside": beside(mine),
+        "yielded": sum(bool(row.yielded) for row in mine),
         "step_ms": statistics.middle(steps) if steps else math.nan,
     }
 

@@ -11,10 +11,10 @@ import numpy as np
 from benchmarks.paper import statistics
 from benchmarks.paper.comparison import Comparison, compare, pair_rows
 from benchmarks.paper.statistics import FLOOR_MM, Interval, bootstrap_median, wilson
-from benchmarks.paper.table import REFERENCES, Row, arms, by_group, main_rows, only
+from benchmarks.paper.table import REFERENCES, Row, arms, beside, by_group, main_rows, only
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
+    from collections.abc import Mapping, Sequence
 
 CLOSE_MM = 1.0  # an insertion whose error never exceeds it
 RATIO_TARGET = 0.4  # of the open-loop RMSE on curved paths [ours]
@@ -39,7 +39,9 @@ class Box:
 class Score:
     """One controller in one group under one condition. Medians and quartiles are over all insertions, failures ranking
     worst; mean and maximum are over the stable ones. within_1mm: share whose error never exceeded 1 mm.
-    ratio: median over paths of RMSE / open-loop RMSE. limited: mean share of steps that the robot's limits changed."""
+    ratio: median over paths of RMSE / open-loop RMSE. limited: mean share of steps that the robot's limits changed.
+    yielded: share of the insertions whose needle would have stayed bent. beside: medians of `table.BESIDE`, stable ones
+    alone."""
 
     group: str
     arm: str
@@ -67,6 +69,8 @@ class Score:
     ratio_pairs: int
     ratio_met: bool | None
     limited: float
+    yielded: float
+    beside: Mapping[str, float]
     box: Box | None
 
 
@@ -112,8 +116,8 @@ def scores(table: Sequence[Row]) -> list[Score]:
 
 def score(mine: Sequence[Row], open_loop: Sequence[Row], *, group: str) -> Score:
     """Of one controller's rows, of which there is at least one."""
-    errors = np.array([row.rmse_mm for row in mine])
-    worst = np.array([row.ranked("max_error_mm") for row in mine])
+    errors = np.array([row.rmse_commanded_mm for row in mine])
+    worst = np.array([row.ranked("max_commanded_mm") for row in mine])
     clusters = [row.end_point for row in mine]
     count, stable, success = len(mine), sum(row.stable for row in mine), sum(row.success for row in mine)
     close = int((worst <= CLOSE_MM).sum())
@@ -123,6 +127,7 @@ def score(mine: Sequence[Row], open_loop: Sequence[Row], *, group: str) -> Score
     limited = [
         float(row.metrics["limited_fraction"]) for row in mine if row.metrics.get("limited_fraction") is not None
     ]
+    stresses = [row.yielded for row in mine if row.yielded is not None]
     return Score(
         group=group,
         arm=mine[0].arm,
@@ -150,6 +155,8 @@ def score(mine: Sequence[Row], open_loop: Sequence[Row], *, group: str) -> Score
         ratio_pairs=len(ratio),
         ratio_met=statistics.middle(ratio) <= RATIO_TARGET if aimed else None,
         limited=float(np.mean(limited)) if limited else math.nan,
+        yielded=float(np.mean(stresses)) if stresses else math.nan,
+        beside=beside(mine),
         box=box(errors),
     )
 
@@ -181,7 +188,7 @@ def box(errors: statistics.Vector) -> Box | None:
 
 def at_floor(members: Sequence[Row]) -> bool | None:
     """Whether every controller without feedback scores below the floor; None if none of them ran."""
-    medians = [statistics.middle([row.rmse_mm for row in only(members, arm=arm)]) for arm in REFERENCES]
+    medians = [statistics.middle([row.rmse_commanded_mm for row in only(members, arm=arm)]) for arm in REFERENCES]
     known = [median for median in medians if not math.isnan(median)]
     return all(median < FLOOR_MM for median in known) if known else None
 

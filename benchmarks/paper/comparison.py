@@ -11,6 +11,7 @@ import numpy as np
 
 from benchmarks.paper import statistics
 from benchmarks.paper.statistics import Interval, Vector
+from benchmarks.paper.table import beside
 
 if TYPE_CHECKING:
     from benchmarks.paper.table import Row
@@ -24,6 +25,7 @@ class Pairs:
     second: Vector
     clusters: tuple[str, ...]
     unpaired: int
+    paths: frozenset[tuple[str, str, str]]  # that both have: group, end point, direction
 
 
 @dataclass(frozen=True)
@@ -33,6 +35,7 @@ class Comparison:
     p_primary: sign test over the medians of each end point's differences. p_sign, p_mann_whitney: as in the paper, over
     all insertions. p_wilcoxon: signed ranks of the end points' medians. superiority: probability that the first is the
     better of a pair. equivalent: shown to differ by less than the margin. floor: without feedback it is as good.
+    beside_first, beside_second: medians of `table.BESIDE` over the stable insertions of the pairs.
     """
 
     group: str
@@ -57,9 +60,11 @@ class Comparison:
     superiority: float
     equivalent: bool
     floor: bool | None
+    beside_first: Mapping[str, float]
+    beside_second: Mapping[str, float]
 
 
-def pair_rows(first: Sequence[Row], second: Sequence[Row], metric: str = "rmse_mm") -> Pairs:
+def pair_rows(first: Sequence[Row], second: Sequence[Row], metric: str = "rmse_commanded_mm") -> Pairs:
     """Match rows by group, end point and direction; repeats of a path count as their median."""
     one, other = _by_path(first, metric), _by_path(second, metric)
     shared = sorted(one.keys() & other.keys())
@@ -68,6 +73,7 @@ def pair_rows(first: Sequence[Row], second: Sequence[Row], metric: str = "rmse_m
         np.array([other[key] for key in shared], float),
         tuple(end_point for _, end_point, _ in shared),
         len(one.keys() ^ other.keys()),
+        frozenset(shared),
     )
 
 
@@ -111,6 +117,8 @@ def compare(
         superiority=statistics.superiority(change),
         equivalent=statistics.equivalent(medians),
         floor=floor,
+        beside_first=beside(row for row in first if row.pair in matched.paths),
+        beside_second=beside(row for row in second if row.pair in matched.paths),
     )
 
 

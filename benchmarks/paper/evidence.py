@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 from benchmarks.paper.analysis import PRIMARY, Contrast, Score, under
@@ -17,8 +17,9 @@ if TYPE_CHECKING:
     from benchmarks.paper.learning_studies import SeedShare
     from benchmarks.paper.timing import Saving
 
-REPRODUCED, CONTRADICTED, NOT_TESTABLE = "reproduced", "contradicted", "not testable"
-PAPER_END_POINTS = 100  # [paper] a sample that large and still nothing: the claim does not hold
+REPRODUCED, NOT_REPRODUCED, UNDECIDED = "reproduced", "not reproduced under our assumptions", "undecided"
+INSIDE_BAND = "not decided by this discretisation"
+PAPER_END_POINTS = 100  # [paper] fewer do not say "all"
 BOTH = ("ifem", "elm")
 
 
@@ -40,7 +41,8 @@ class Claim:
 
 @dataclass(frozen=True)
 class Evidence:
-    """What claims are judged by."""
+    """What claims are judged by. band_mm: how far the tip of these insertions may be off for their mesh, spacing and
+    step, from a convergence study; None = unknown."""
 
     rows: Sequence[Row]
     scores: Sequence[Score]
@@ -49,18 +51,25 @@ class Evidence:
     directions: Sequence[Contrast]
     savings: Sequence[Saving]
     seeds: Sequence[SeedShare]
+    band_mm: float | None = None
 
     def score(self, group: str, arm: str, young: str = PRIMARY.young, noise: str = PRIMARY.noise) -> Score | None:
         """A controller's score, if it ran."""
         same = (s for s in self.scores if (s.group, s.arm, s.young, s.noise) == (group, arm, young, noise))
         return next(same, None)
 
-    def contrast(self, group: str, noise: str = PRIMARY.noise) -> Comparison | None:
-        """I-FEM against ELM at constant Young's modulus."""
+    def contrast(
+        self,
+        group: str,
+        noise: str = PRIMARY.noise,
+        young: str = PRIMARY.young,
+        arms: tuple[str, str] = BOTH,
+    ) -> Comparison | None:
+        """Two controllers against each other, I-FEM and ELM unless told otherwise."""
         for contrast in self.contrasts:
             compared = contrast.comparison
             names = (compared.first, compared.second)
-            if (contrast.young, contrast.noise, compared.group, names) == (PRIMARY.young, noise, group, BOTH):
+            if (contrast.young, contrast.noise, compared.group, names) == (young, noise, group, arms):
                 return compared
         return None
 
@@ -68,11 +77,24 @@ class Evidence:
 def judge_without_exception(known: Sequence[Score], exceptions: str) -> tuple[str, str]:
     """Verdict of a claim about all insertions, and why; exceptions: those that there are, in words."""
     if exceptions:
-        return CONTRADICTED, exceptions
+        return NOT_REPRODUCED, exceptions
     count, points = sum(score.insertions for score in known), min(score.end_points for score in known)
     if points < PAPER_END_POINTS:
-        return NOT_TESTABLE, f"holds in all {count} insertions, but {points} end points are too few to say “all”"
+        return UNDECIDED, f"holds in all {count} insertions, but {points} end points are too few to say “all”"
     return REPRODUCED, f"holds in all {count} insertions"
+
+
+def undecided_by_band(claim: Claim, band_mm: float | None, margin_mm: float) -> Claim:
+    """The claim, undecided where the band is unknown or not smaller than margin_mm, the distance of what decided it
+    from where the verdict would turn. One that is undecided stays as it is."""
+    if claim.verdict == UNDECIDED:
+        return claim
+    if band_mm is None:
+        return replace(claim, verdict=UNDECIDED, reason=f"{INSIDE_BAND}, whose band is unknown; {claim.reason}")
+    if abs(margin_mm) > band_mm:
+        return claim
+    inside = f"{INSIDE_BAND}: {abs(margin_mm):.3g} mm lie inside its band of {band_mm:.3g} mm"
+    return replace(claim, verdict=UNDECIDED, reason=f"{inside}; {claim.reason}")
 
 
 def list_failures(evidence: Evidence, word: str) -> str:

@@ -40,13 +40,13 @@ def spots(table: Sequence[Row]) -> list[Spot]:
     result = []
     for (arm, young, noise, end_point), mine in members.items():
         x, y = mine[0].end_mm
-        worst = [row.ranked("max_error_mm") for row in mine]
+        worst = [row.ranked("max_commanded_mm") for row in mine]
         result.append(
             Spot(
                 *(arm, young, noise, end_point, x, y, border_mm(mine[0]), len(mine)),
                 failed=sum(row.failed for row in mine),
                 unsuccessful=sum(not row.success for row in mine),
-                median_mm=statistics.middle([row.rmse_mm for row in mine]),
+                median_mm=statistics.middle([row.rmse_commanded_mm for row in mine]),
                 worst_mm=max(worst),
             )
         )
@@ -82,7 +82,7 @@ def notable_cases(table: Sequence[Row], *, failed: int = 5) -> list[tuple[str, s
         for group in groups(under(main, condition)):
             members = only(under(main, condition), group=group)
             for arm in arms(members):
-                ranked = sorted(only(members, arm=arm), key=lambda row: (row.rmse_mm, row.id))
+                ranked = sorted(only(members, arm=arm), key=lambda row: (row.rmse_commanded_mm, row.id))
                 good = [row for row in ranked if row.stable]
                 picks = [("best", 0), ("median", len(good) // 2), ("worst", len(good) - 1)] if good else []
                 for why, place in picks:

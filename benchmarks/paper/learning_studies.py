@@ -42,7 +42,7 @@ def seed_scores(table: Sequence[Row]) -> list[SeedScore]:
             matched = pair_rows(own, only(reference, group=group))
             change = statistics.differences(matched.first, matched.second)
             medians = statistics.cluster_medians(change, matched.clusters)
-            errors = [row.rmse_mm for row in own]
+            errors = [row.rmse_commanded_mm for row in own]
             failed = sum(row.failed for row in own)
             scores.append(
                 SeedScore(str(seed), group, len(own), failed, statistics.middle(errors), statistics.middle(medians))
@@ -98,7 +98,7 @@ def _along_seed_paths(table: Sequence[Row], group: str) -> dict[str, float]:
     paths = {row.pair for row in table if "model_seed" in row.labels and row.group == group}
     there = [row for row in under(main_rows(table), PRIMARY) if row.pair in paths]
     known = {arm: only(there, arm=arm) for arm in ("ifem", "open_loop", "rigid")}
-    return {arm: statistics.middle([row.rmse_mm for row in mine]) for arm, mine in known.items() if mine}
+    return {arm: statistics.middle([row.rmse_commanded_mm for row in mine]) for arm, mine in known.items() if mine}
 
 
 # ---- learning
@@ -198,7 +198,7 @@ def _variant(parameter: str, value: str, group: str, mine: list[Row], nominal: l
             borrowed.append(arm)
     compared = compare(members["elm"], members["ifem"], group=group, names=("elm", "ifem"))
     difference = compared.difference_mm if compared else math.nan
-    ifem, elm, open_loop = (statistics.middle([row.rmse_mm for row in rows]) for rows in members.values())
+    ifem, elm, open_loop = (statistics.middle([row.rmse_commanded_mm for row in rows]) for rows in members.values())
     if math.isinf(ifem) and math.isinf(elm):
         difference = math.nan
     return Variant(

@@ -8,14 +8,14 @@ from typing import Any
 from jinja2 import Environment, FileSystemLoader, StrictUndefined
 
 from benchmarks.paper import figures, number_text
-from benchmarks.paper.evidence import CONTRADICTED, NOT_TESTABLE, REPRODUCED
-from benchmarks.paper.table import ALL, GROUPS, REFERENCES, arm_name
+from benchmarks.paper.evidence import NOT_REPRODUCED, REPRODUCED, UNDECIDED
+from benchmarks.paper.table import ALL, BESIDE, GROUPS, REFERENCES, arm_name
 
 Json = dict[str, Any]
 
 TEMPLATES = Path(__file__).with_name("templates")
 ABSENT = "–"
-VERDICTS = {REPRODUCED: "✓", CONTRADICTED: "✕", NOT_TESTABLE: "○"}
+VERDICTS = {REPRODUCED: "✓", NOT_REPRODUCED: "✕", UNDECIDED: "○"}
 NOISE = {"off": "no target noise", "on": "with target noise"}
 
 
@@ -54,6 +54,8 @@ def render(template: str, **content: Any) -> str:
     )
     environment.filters.update(mm=mm, percent=percent, p=p_value, arm=arm_name, interval=interval, signed=signed)
     environment.filters.update(share=share, ms=milliseconds, condition=condition)
+    environment.filters.update(plain=plain)
+    environment.globals.update(BESIDE=BESIDE)
     environment.filters.update(change=change, change_interval=change_interval)
     page: str = environment.get_template(template).render(**content)
     return page
@@ -91,6 +93,11 @@ def condition(young: str, noise: str) -> str:
 def mm(value: float | None, absent: str = ABSENT) -> str:
     """Millimetres to the micrometre."""
     return absent if value is None else f"{value:.3f}"
+
+
+def plain(value: float | None, digits: int) -> str:
+    """A number with so many decimals."""
+    return ABSENT if value is None else f"{value:.{digits}f}"
 
 
 def signed(value: float | None, absent: str = ABSENT) -> str:

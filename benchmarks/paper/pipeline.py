@@ -5,6 +5,7 @@ It neither runs nor stores anything itself: `PaperPorts` provides whatever runs,
 
 from __future__ import annotations
 
+import math
 from collections import Counter
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, Protocol
@@ -15,6 +16,7 @@ from benchmarks.cases import Case, Label, Outcome, Suite
 from benchmarks.learning.training_insertions import Insertion, collect_dataset
 from benchmarks.paper.learning import LearningCurves, learning_curves
 from benchmarks.paper.plan import Plan, Stage, elm_names, model_names
+from benchmarks.paper.retraining import LABEL, training_conditions
 from benchmarks.paper.suites import resolve_cases
 from benchmarks.paper.table import TRAINING
 from simcore.errors import NeedlebenchError
@@ -90,7 +92,9 @@ def rerun(plan: Plan, ports: PaperPorts) -> Findings:
             ports.store(name, ports.train(kind, seed, data))
     outcomes, timing = list(first), list[Outcome]()
     for stage in stages:
-        stage_outcomes = _run_stage(stage, ports, resolve_cases(stage.cases))
+        stage_outcomes = _run_stage(stage, ports, stage.cases if stage.trains else resolve_cases(stage.cases))
+        if stage.trains:
+            _train_others(plan, stage_outcomes, ports)
         (timing if stage.alone else outcomes).extend(stage_outcomes)
     curves = learning_curves(
         data,
@@ -101,6 +105,14 @@ def rerun(plan: Plan, ports: PaperPorts) -> Findings:
     )
     recordings = ports.record(cases_to_record(outcomes, failed=plan.scale.recordings))
     return Findings(tuple(outcomes), tuple(timing), curves, recordings)
+
+
+def _train_others(plan: Plan, outcomes: Sequence[Outcome], ports: PaperPorts) -> None:
+    """An ELM for each condition of the training study, from its own insertions."""
+    for condition in training_conditions(plan.scale.dt_s):
+        if not ports.stored(condition.model):
+            mine = [outcome for outcome in outcomes if outcome.case.labels[LABEL] == condition.name]
+            ports.store(condition.model, ports.train("elm", 0, gather_dataset(plan, mine, ports.table)))
 
 
 def _run_stage(stage: Stage, ports: PaperPorts, cases: Sequence[Case]) -> list[Outcome]:
@@ -155,7 +167,8 @@ def cases_to_record(outcomes: Sequence[Outcome], *, failed: int) -> list[Outcome
 
 
 def _rmse_mm(outcome: Outcome) -> float:
-    return float(outcome.result["metrics"]["rmse_mm"])
+    error = float(outcome.result["metrics"]["rmse_commanded_mm"])
+    return error if math.isfinite(error) else math.inf
 
 
 def cpu_seconds(outcomes: Iterable[Outcome]) -> float:
@@ -169,7 +182,7 @@ def paper_outcomes(findings: Findings) -> list[Outcome]:
 
     def own(labels: Mapping[str, Label]) -> bool:
         if labels["group"] == TRAINING:
-            return True
+            return LABEL not in labels
         held = labels.get("purpose") == "main" and labels["noise"] == "off"
         return held and (labels["arm"], labels["young"]) in {
             ("ifem", "constant"),

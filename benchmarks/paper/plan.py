@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 from benchmarks.cases import Case
 from benchmarks.paper.suites import paper_cases, seed_cases, sensitivity_cases, timing_cases, training_cases
+from benchmarks.paper.training_study import other_training_cases, quiet_cases, training_study_cases
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -46,11 +47,13 @@ class StepCost:
 
 @dataclass(frozen=True)
 class Stage:
-    """Some insertions that are run together; `alone`: one after the other, for their times."""
+    """Some insertions that are run together; `alone`: one after the other, for their times; `trains`: ELMs are trained
+    on them before the next stage."""
 
     title: str
     cases: tuple[Case, ...]
     alone: bool = False
+    trains: bool = False
 
 
 @dataclass(frozen=True)
@@ -63,13 +66,15 @@ class Plan:
     def stages(self) -> tuple[Stage, ...]:
         """In the order in which they are run."""
         scale = self.scale
-        return (
-            Stage("data set", tuple(training_cases(scale))),
-            Stage("experiments", tuple(paper_cases(scale, model_names()))),
+        stages = (
+            Stage("data set", tuple(training_cases(scale)), trains=True),
+            Stage("other data sets", tuple(other_training_cases(scale)), trains=True),
+            Stage("experiments", (*paper_cases(scale, model_names()), *quiet_cases(scale))),
             Stage("ELM seeds", tuple(seed_cases(scale, elm_names(scale)))),
-            Stage("sensitivity", tuple(sensitivity_cases(scale, model_names()))),
+            Stage("sensitivity", (*sensitivity_cases(scale, model_names()), *training_study_cases(scale))),
             Stage("timing", tuple(timing_cases(scale, model_names())), alone=True),
         )
+        return tuple(stage for stage in stages if stage.cases)
 
     @property
     def insertions(self) -> int:
@@ -80,7 +85,9 @@ class Plan:
     def sha256(self) -> str:
         """Digest of the scale and of every draft: two runs with the same one do the same."""
         drafts = [[case.id, case.labels, case.scenario] for stage in self.stages for case in stage.cases]
-        content = json.dumps([self.scale.model_dump(mode="json"), drafts], sort_keys=True, separators=(",", ":"))
+        content = json.dumps(
+            [self.scale.model_dump(mode="json", exclude={"band_mm"}), drafts], sort_keys=True, separators=(",", ":")
+        )
         return hashlib.sha256(content.encode()).hexdigest()
 
     def seconds(self, cost: StepCost, workers: int) -> dict[str, float]:
@@ -92,7 +99,7 @@ class Plan:
         """Estimated size of the folder."""
         total = 0.0
         for stage in self.stages:
-            each = WHOLE_BYTES if stage.title == "data set" else STATE_BYTES
+            each = WHOLE_BYTES if stage.trains else STATE_BYTES
             total += sum(CASE_BYTES + each * steps(case) for case in stage.cases)
         recorded = 3 * RECORDED_ARMS + self.scale.recordings
         longest = max(steps(case) for case in self.stages[0].cases)

@@ -20,14 +20,15 @@ from benchmarks.paper.analysis import (
     scores,
     young_contrasts,
 )
-from benchmarks.paper.claims import claims
+from benchmarks.paper.claims import assumptions, claims
 from benchmarks.paper.comparison import as_json
 from benchmarks.paper.evidence import Evidence
 from benchmarks.paper.failure_places import face_mm, notable_cases, outcome_word, spots
 from benchmarks.paper.figures import conditions, headline
 from benchmarks.paper.learning_studies import LearningPoint, learning_steps, seed_scores, seed_shares, variants
 from benchmarks.paper.page import html
-from benchmarks.paper.table import Row, arm_name, insertions_csv, main_rows, rows
+from benchmarks.paper.retraining import training_scores
+from benchmarks.paper.table import BESIDE, TRAINING, Row, arm_name, insertions_csv, main_rows, rows
 from benchmarks.paper.timing import PAPER_REDUCTIONS, costs, savings
 from simcore.rollout.artefacts import replace_atomically
 
@@ -51,18 +52,20 @@ def document(
     recordings: Mapping[str, str] | None = None,
     scale: str = "",
     provenance: Mapping[str, Any] | None = None,
+    band_mm: float | None = None,
 ) -> Json:
     """All figures and tests of any outcomes, as plain JSON; what is not finite (a median of failures) is null.
 
     timing: the one-worker pass, which alone is used for times. learning: trained ELMs. recordings: case id -> link,
-    relative to the report. provenance: shown as it is.
+    relative to the report. provenance: shown as it is. band_mm: how far the tip may be off for the discretisation, by
+    `needlebench bench convergence`; None = unknown, and then no claim about precision or failures is decided.
     """
     table = rows(outcomes)
     contrasts, young, directions = controller_contrasts(table), young_contrasts(table), direction_contrasts(table)
     scored, timed = scores(table), rows(timing)
     seeds = seed_scores(table)
     shares = seed_shares(seeds, table)
-    evidence = Evidence(table, scored, contrasts, young, directions, savings(timed), shares)
+    evidence = Evidence(table, scored, contrasts, young, directions, savings(timed), shares, band_mm)
     failed = [row for row in table if row.failed]
     content = {
         "schema": SCHEMA,
@@ -71,6 +74,8 @@ def document(
         "rules": rules(),
         "counts": {"insertions": len(table), "failed": len(failed), "timed": len(timed)},
         "claims": claims(evidence),
+        "assumptions": assumptions(table),
+        "band_mm": band_mm,
         "scores": scored,
         "contrasts": [_flat(contrast) for contrast in contrasts],
         "directions": [_flat(contrast) for contrast in directions],
@@ -80,6 +85,7 @@ def document(
         "spots": spots(table),
         "failures": [failure(row) for row in failed[:LISTED_FAILURES]],
         "seeds": {"scores": seeds, "shares": shares, "boxes": _seed_boxes(seeds)},
+        "training": training_scores([row for row in table if row.group == TRAINING]),
         "learning": learning_steps(learning),
         "sensitivity": variants(table),
         "timing": {"costs": costs(timed), "savings": evidence.savings, "paper": PAPER_REDUCTIONS},
@@ -135,9 +141,16 @@ def notable_insertions(table: Sequence[Row], links: Mapping[str, str]) -> list[J
     for case_id, why in reasons.items():
         row = known[case_id]
         named = {name: getattr(row, name) for name in ("id", "group", "arm", "young", "noise", "status", "digest")}
-        error = row.metrics.get("max_error_mm")
+        error = row.metrics.get("max_commanded_mm")
         insertions.append(
-            {**named, "why": why, "rmse_mm": row.rmse_mm, "max_error_mm": error, "link": links.get(case_id)}
+            {
+                **named,
+                "why": why,
+                "rmse_commanded_mm": row.rmse_commanded_mm,
+                "max_commanded_mm": error,
+                "beside": {metric: row.metrics.get(metric) for metric in BESIDE},
+                "link": links.get(case_id),
+            }
         )
     return insertions
 
@@ -151,10 +164,17 @@ def write(
     scale: str,
     out: Path,
     provenance: Mapping[str, Any],
+    band_mm: float | None = None,
 ) -> list[Path]:
     """Write the four files into `out`, each complete or as it was; returns their paths. See `document`."""
     report = document(
-        outcomes, timing=timing, learning=learning, recordings=recordings, scale=scale, provenance=provenance
+        outcomes,
+        timing=timing,
+        learning=learning,
+        recordings=recordings,
+        scale=scale,
+        provenance=provenance,
+        band_mm=band_mm,
     )
     texts = {
         CSV: insertions_csv(rows([*outcomes, *timing])),
@@ -180,7 +200,9 @@ def main_table_markdown(report: Json) -> str:
     controllers without feedback are as good, and precision says nothing."""
     primary = next(iter(conditions(report)), None)
     head = "| paths | controller | insertions | S | median RMSE mm (quartiles) | largest RMSE mm | max error <= 1 mm "
-    lines = [f"{head}| ratio to open loop |", "| --- | --- | ---: | ---: | ---: | ---: | ---: | ---: |"]
+    headings = "".join(f" {heading} |" for heading, _ in BESIDE.values())
+    rule = f"| --- | --- |{' ---: |' * (6 + len(BESIDE))}"
+    lines = [f"{head}| ratio to open loop |{headings}", rule]
     floors = {(c["group"], c["young"], c["noise"]) for c in report["contrasts"] if c["floor"]}
     before = ""
     for score in report["scores"]:
@@ -199,10 +221,11 @@ def main_table_markdown(report: Json) -> str:
             _number(score["max_mm"]),
             f"{100 * score['within_1mm']:.4g} %",
             _number(score["ratio"]) if score["ratio_pairs"] else "-",
+            *(_number(score["beside"][metric], "-", digits) for metric, (_, digits) in BESIDE.items()),
         )
         lines.append(f"| {' | '.join(cells)} |")
     return "\n".join(lines) + "\n"
 
 
-def _number(value: float | None, absent: str = "failed") -> str:
-    return absent if value is None else f"{value:.3f}"
+def _number(value: float | None, absent: str = "failed", digits: int = 3) -> str:
+    return absent if value is None else f"{value:.{digits}f}"

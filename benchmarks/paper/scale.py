@@ -25,7 +25,18 @@ class Scale(BaseModel):
     name: Annotated[str, StringConstraints(pattern=r"^[a-z0-9][a-z0-9-]{0,29}$")]
     element_size_mm: float = Field(6.0, ge=2.0, le=20.0, description="edge of a cell of the tissue")
     dt_s: float = Field(0.01, ge=1e-3, le=0.05, description="time step")
+    band_mm: float | None = Field(
+        None,
+        ge=0.0,
+        le=100.0,
+        description="how far the tip may be off for the discretisation, by a convergence study; null = unknown. Only "
+        "the claims read it: it may be set later",
+    )
     training: int = Field(105, ge=1, le=105, description="data-set insertions, of the 7 x 15 grid")
+    retraining: Count = Field(
+        105, le=105, description="insertions of each data set of the training study; 0 = no such study, else 2 or more"
+    )
+    quiet: int = Field(100, ge=0, le=100, description="end points of the ELM trained without noise, LIN and CUR")
     samples: Positive = Field(10_000, description="samples drawn from them")
     nodes: Positive = Field(25, description="hidden nodes of the ELM")
     seeds: int = Field(20, ge=1, le=100, description="ELM trainings that differ in their random input weights")
@@ -63,6 +74,8 @@ SCALES = {
         element_size_mm=10.0,
         dt_s=0.05,
         training=24,
+        retraining=2,
+        quiet=1,
         samples=3000,
         seeds=3,
         lin=4,
@@ -84,6 +97,8 @@ SCALES = {
         name="quick",
         **_COARSE,
         training=35,
+        retraining=35,
+        quiet=15,
         seeds=5,
         lin=25,
         cur=15,

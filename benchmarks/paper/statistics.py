@@ -1,5 +1,5 @@
-"""Tests, intervals and effect sizes for errors of which less is better. A failure is an infinite error: it ranks behind
-everything and stays in. All tests are two-tailed; randomness comes from a seed."""
+"""Tests, intervals and effect sizes for errors of which less is better. A failure is an infinite error, and so is one
+that is no number: it ranks behind everything and stays in. All tests are two-tailed; randomness comes from a seed."""
 
 from __future__ import annotations
 
@@ -46,9 +46,16 @@ class SignTest:
     p: float
 
 
+def ranked_errors(values: Sequence[float] | Vector) -> Vector:
+    """Errors of which less is better, every one that is not finite (NaN, either infinity) the worst of all."""
+    errors = np.asarray(values, float)
+    result: Vector = np.where(np.isfinite(errors), errors, math.inf)
+    return result
+
+
 def differences(first: Sequence[float] | Vector, second: Sequence[float] | Vector) -> Vector:
     """Differences first - second of paired errors; two failures are a tie."""
-    a, b = np.asarray(first, float), np.asarray(second, float)
+    a, b = ranked_errors(first), ranked_errors(second)
     both = np.isinf(a) & np.isinf(b)
     result: Vector = np.subtract(a, b, out=np.zeros_like(a), where=~both)
     return result
@@ -56,16 +63,22 @@ def differences(first: Sequence[float] | Vector, second: Sequence[float] | Vecto
 
 def ratios(first: Sequence[float] | Vector, second: Sequence[float] | Vector) -> Vector:
     """Ratios first / second of paired errors; two failures and two zeros are equal."""
-    a, b = np.asarray(first, float), np.asarray(second, float)
+    a, b = ranked_errors(first), ranked_errors(second)
     equal = a == b
     with np.errstate(divide="ignore"):
         result: Vector = np.divide(a, b, out=np.ones_like(a), where=~equal)
     return result
 
 
+def _sorted(values: Sequence[float] | Vector) -> Vector:
+    """What is no number counts as a failure, last of all."""
+    known = np.asarray(values, float)
+    return np.sort(np.where(np.isnan(known), math.inf, known))
+
+
 def middle(values: Sequence[float] | Vector) -> float:
     """Median that knows infinite values; nan of nothing. Between minus and plus infinity it is zero: undecided."""
-    ordered = np.sort(np.asarray(values, float))
+    ordered = _sorted(values)
     if not len(ordered):
         return math.nan
     low, high = ordered[(len(ordered) - 1) // 2], ordered[len(ordered) // 2]
@@ -80,7 +93,7 @@ def _between(low: float, high: float) -> float:
 
 def quantile(values: Sequence[float] | Vector, share: float) -> float:
     """Linearly interpolated; infinite as soon as an infinite value has a part in it; nan of nothing."""
-    ordered = np.sort(np.asarray(values, float))
+    ordered = _sorted(values)
     if not len(ordered):
         return math.nan
     place = share * (len(ordered) - 1)
@@ -115,7 +128,7 @@ def mann_whitney_p(first: Sequence[float] | Vector, second: Sequence[float] | Ve
     """Two-tailed Mann-Whitney U, unpaired; nan if a side is empty, 1 if all values are the same."""
     from scipy import stats
 
-    a, b = np.asarray(first, float), np.asarray(second, float)
+    a, b = ranked_errors(first), ranked_errors(second)
     if not len(a) or not len(b):
         return math.nan
     ranks = stats.rankdata(np.concatenate([a, b]))  # ranks are finite where failures are not
@@ -158,7 +171,7 @@ def rank_biserial(values: Sequence[float] | Vector) -> float:
 
 def cliffs_delta(first: Sequence[float] | Vector, second: Sequence[float] | Vector) -> float:
     """P(first > second) - P(first < second) over all unpaired couples, from -1 to 1; nan if a side is empty."""
-    a, b = np.asarray(first, float), np.asarray(second, float)
+    a, b = ranked_errors(first), ranked_errors(second)
     if not len(a) or not len(b):
         return math.nan
     return float(np.sign(differences(*np.broadcast_arrays(a[:, None], b[None, :]))).mean())

@@ -1,6 +1,6 @@
 """The experiments as named, versioned lists of fully resolved scenarios.
 
-`lin100-v1`, `cur400-v1`, `young-v1` and `paper-v1`, which is the three together, are those of Perrusi et al. 2021;
+`lin100-v2`, `cur400-v2`, `young-v2` and `paper-v2`, which is the three together, are those of Perrusi et al. 2021;
 `-quick` and `-smoke` after the version are smaller forms. A version never changes its meaning: the tests pin digests.
 """
 
@@ -17,6 +17,7 @@ from benchmarks.paper.scale import SCALES, Scale
 from benchmarks.paper.variations import VARIATIONS, apply_variation
 from simcore.errors import Problem, ScenarioError
 from simcore.scenario.scenario import Scenario
+from simcore.scenario.suggestions import did_you_mean
 
 Models = Mapping[str, str]  # learned kind of controller -> its model; "default" where none is named
 Json = dict[str, Any]
@@ -169,7 +170,7 @@ def young_cases(scale: Scale, models: Models) -> list[Case]:
     some = [*straight_paths(scale.reference_young), *curved_paths(scale.reference_young, scale.reference_directions)]
     steered = ("ifem", "elm") if scale.young_ifem else ("elm",)
     cases = []
-    for path, arm in [*_pairs(everything, steered), *_pairs(some, REFERENCES)]:
+    for path, arm in [*pairs(everything, steered), *pairs(some, REFERENCES)]:
         block = controller(arm, scale, models)
         if arm == "ifem":
             nominal = {"young_kpa": 6.3, "element_size_mm": scale.element_size_mm}
@@ -192,7 +193,7 @@ def sensitivity_cases(scale: Scale, models: Models) -> list[Case]:
     cases = []
     for variation in VARIATIONS:
         arms = ("ifem",) if variation.ifem_only else (*STEERED, "open_loop")
-        for path, arm in _pairs(paths, arms):
+        for path, arm in pairs(paths, arms):
             name = f"sens-{variation.name}-{path.name}-{arm}"
             data = scenario(
                 name, scale, seed=0, trajectory=path.trajectory(), controller=controller(arm, scale, models)
@@ -234,7 +235,8 @@ def timing_cases(scale: Scale, models: Models) -> list[Case]:
     return cases
 
 
-def _pairs(paths: Sequence[Path], arms: Sequence[str]) -> Iterator[tuple[Path, str]]:
+def pairs(paths: Sequence[Path], arms: Sequence[str]) -> Iterator[tuple[Path, str]]:
+    """Every arm along every path, path by path."""
     return ((path, arm) for path in paths for arm in arms)
 
 
@@ -250,14 +252,14 @@ class _Kind:
 
 
 _KINDS = {
-    "data105-v1": _Kind(
+    "data105-v2": _Kind(
         "Training: 105 straight I-FEM insertions, noise +-0.25 mm", lambda scale, _: training_cases(scale)
     ),
-    "lin100-v1": _Kind("LIN: 100 straight test paths, target noise off and on", lin_cases),
-    "cur400-v1": _Kind("CUR: 100 end points x 4 sine overlays of 1.0 mm", cur_cases),
-    "young-v1": _Kind("LIN and CUR at a Young's modulus of 5.5 to 6.3 kPa by path", young_cases),
-    "paper-v1": _Kind("lin100-v1, cur400-v1 and young-v1 together", paper_cases),
-    "sensitivity-v1": _Kind("What the paper leaves open, moved one by one", sensitivity_cases),
+    "lin100-v2": _Kind("LIN: 100 straight test paths, target noise off and on", lin_cases),
+    "cur400-v2": _Kind("CUR: 100 end points x 4 sine overlays of 1.0 mm", cur_cases),
+    "young-v2": _Kind("LIN and CUR at a Young's modulus of 5.5 to 6.3 kPa by path", young_cases),
+    "paper-v2": _Kind("lin100-v2, cur400-v2 and young-v2 together", paper_cases),
+    "sensitivity-v2": _Kind("What the paper leaves open, moved one by one", sensitivity_cases),
 }
 _OWN_MODELS = {"baselines": 0}  # their models are not bundled: a run of `needlebench paper` trains them
 _SIZES = {
@@ -289,4 +291,5 @@ def _kind_and_scale(name: str) -> tuple[_Kind, Scale]:
         size = name.removeprefix(base)
         if name.startswith(base) and size in _SIZES:
             return kind, _SIZES[size]
-    raise ScenarioError([Problem("suite", name, f"is none of {', '.join(suite_names())}")])
+    meant = did_you_mean(name, suite_names())
+    raise ScenarioError([Problem("suite", name, f"is none of {', '.join(suite_names())}{meant}")])

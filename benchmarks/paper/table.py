@@ -5,6 +5,7 @@ from __future__ import annotations
 import csv
 import io
 import math
+import statistics
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
@@ -17,10 +18,12 @@ if TYPE_CHECKING:
 ALL = "ALL"
 TRAINING = "DATA"  # group of the data set's insertions, in no comparison
 GROUPS = ("LIN", "CUR")
-ARMS = ("ifem", "elm", "frozen", "linear", "neighbours", "mlp", "plugin", "replay", "open_loop", "rigid")
+QUIET_ARM = "elm_quiet"  # the ELM that was trained without target noise
+ARMS = ("ifem", "elm", QUIET_ARM, "frozen", "linear", "neighbours", "mlp", "plugin", "replay", "open_loop", "rigid")
 ARM_NAMES = {
     "ifem": "I-FEM",
     "elm": "ELM",
+    QUIET_ARM: "ELM trained without noise",
     "frozen": "frozen Jacobian",
     "linear": "linear regression",
     "neighbours": "nearest neighbours",
@@ -29,6 +32,14 @@ ARM_NAMES = {
     "rigid": "rigid needle",
 }
 REFERENCES = ("open_loop", "rigid")  # what no feedback and no model reach
+BESIDE = {
+    "rcm_max_mm": ("RCM error, mm", 2),
+    "max_push_n": ("Push, N", 2),
+    "max_lateral_n": ("Lateral force, N", 2),
+    "entry_drag_mm": ("Entry drag, mm", 2),
+    "max_strain": ("Strain", 2),
+    "max_needle_stress_mpa": ("Needle stress, MPa", 0),
+}  # what a small tip error may have been paid with, each the largest of its run: heading and decimals in every table
 SPECIAL = ("model_seed", "parameter")  # labels of the ELM's seeds and of the sensitivity study
 TIMED = ("plant", "jacobian", "command", "recording")
 
@@ -60,9 +71,9 @@ class Row:
         return not self.stable
 
     @property
-    def rmse_mm(self) -> float:
+    def rmse_commanded_mm(self) -> float:
         """The paper's RMSE; a failure ranks behind everything."""
-        return self.ranked("rmse_mm")
+        return self.ranked("rmse_commanded_mm")
 
     @property
     def pair(self) -> tuple[str, str, str]:
@@ -78,6 +89,12 @@ class Row:
     def entry_mm(self) -> tuple[float, float]:
         """Where the needle goes in."""
         return _lateral(self.scenario, "entry_mm")
+
+    @property
+    def yielded(self) -> bool | None:
+        """Whether the needle would have stayed bent; None where its stress was not measured."""
+        stress, allowed = self.metrics.get("max_needle_stress_mpa"), self.scenario.get("needle", {}).get("yield_mpa")
+        return None if stress is None or allowed is None else bool(stress >= allowed)
 
     def ranked(self, metric: str) -> float:
         """A metric of which less is better; infinite for a failure and where nothing was measured."""
@@ -128,6 +145,17 @@ def _timing(timing: Mapping[str, Any], steps: int | None) -> dict[str, float | N
     wall = timing.get("loop_wall_s")
     medians["mean_step"] = 1e3 * wall / steps if wall is not None and steps else None
     return medians
+
+
+def beside(table: Iterable[Row]) -> dict[str, float]:
+    """Median of each metric of BESIDE over the stable rows that have it; nan where none has."""
+    kept = [row for row in table if row.stable]
+    return {metric: _median(row.metrics.get(metric) for row in kept) for metric in BESIDE}
+
+
+def _median(values: Iterable[Any]) -> float:
+    known = [float(value) for value in values if value is not None and math.isfinite(value)]
+    return statistics.median(known) if known else math.nan
 
 
 def only(table: Iterable[Row], **wanted: str) -> list[Row]:

@@ -23,12 +23,12 @@ MEASURES = (  # field of VariantRow, title, unit
     ("lateral_mean_n", "mean of sum |λ lateral|", "N"),
 )
 TITLES = {
-    "mesh": "Mesh size, spacing = max(5 mm, h)",
-    "mesh_alone": "Mesh size, same spacing",
+    "mesh": "Mesh size",
     "beams": "Beams",
     "dt": "Time step",
     "spacing": "Spacing of the constraint points",
     "spread": "Radius over which a point force is spread",
+    "coupling": "Coupling along the needle: compliant with a free or a held tip, or hard points and a held tip",
     "faces": "Fixed faces",
     "tolerance": "Solver tolerance",
 }
@@ -47,7 +47,7 @@ class VariantRow:
     steps: int
     tip_end_mm: float
     tip_max_mm: float
-    rmse_mm: float | None
+    rmse_commanded_mm: float | None
     entry_mean_n: float
     entry_max_n: float
     push_mean_n: float
@@ -111,7 +111,7 @@ def _label(row: VariantRow) -> str:
 
 
 def _markdown(base: Scenario, source_run: ObservedRun, tables: list[Table]) -> str:
-    rmse = source_run.metrics["rmse_mm"]
+    rmse = source_run.metrics["rmse_commanded_mm"]
     head = [
         "# One parameter at a time",
         "",

@@ -28,6 +28,7 @@ PARTS: dict[str, Callable[..., str]] = {
     "discretisation": results.discretisation,
     "speed": results.speed,
     "http": interfaces.http_routes,
+    "problem codes": interfaces.problem_codes,
     "commands": interfaces.commands,
     "help": interfaces.help_text,
 }

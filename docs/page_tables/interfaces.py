@@ -12,6 +12,7 @@ from click.testing import CliRunner
 
 from page_tables.markdown import table
 from service.api.context import Service
+from service.api.problem_codes import CODES
 from service.app import create_app
 from service.cli.main import main
 from service.settings import Settings
@@ -41,6 +42,12 @@ def http_routes() -> str:
         f"### {tag.capitalize()}\n\n{table(('request', 'what it does', 'scope'), rows)}" for tag, rows in by_tag.items()
     ]
     return "\n\n".join(parts)
+
+
+def problem_codes() -> str:
+    """Every kind of problem: its code, status and meaning."""
+    rows = [(f"`{code}`", str(status), meaning) for code, (status, meaning) in CODES.items()]
+    return table(("code", "status", "meaning"), rows)
 
 
 def _scope(operation: dict[str, Any]) -> str:

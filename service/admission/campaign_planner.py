@@ -11,7 +11,7 @@ from benchmarks.grid.suite import grid
 from benchmarks.paper.suites import suite
 from service.admission.cost import TYPICAL_STEP_S, Cost, check_cost, time_limit_s
 from service.store.campaign import CampaignPlan, PlannedJob
-from service.store.job import TIME_LIMIT, TimeLimit, content_hash
+from service.store.job import TIME_LIMIT, Label, TimeLimit, content_hash
 from simcore.errors import Problem, ScenarioError
 from simcore.file_names import names_mean
 from simcore.scenario.presets import start
@@ -24,6 +24,7 @@ if TYPE_CHECKING:
     from service.files.upload_names import UploadLookup
     from service.settings import Limits
 
+MOST_POSES = 200_000  # inline, of all cases of a campaign together: about 10 MB
 LOW_PRIORITY = -10  # single jobs, which people wait for, go first
 
 
@@ -34,7 +35,7 @@ class CampaignRequest(BaseModel):
         extra="forbid",
         json_schema_extra={
             "examples": [
-                {"suite": "lin100-v1-smoke"},
+                {"suite": "lin100-v2-smoke"},
                 {
                     "name": "gain and stiffness",
                     "scenario": "line",
@@ -44,9 +45,7 @@ class CampaignRequest(BaseModel):
         },
     )
 
-    name: Annotated[str, StringConstraints(min_length=1, max_length=100)] | None = Field(
-        None, description="Its name in lists; default: the suite's name, or grid."
-    )
+    name: Label | None = Field(None, description="Its name in lists; default: the suite's name, or grid.")
     suite: Annotated[str, StringConstraints(min_length=1, max_length=100)] | None = Field(
         None, description="Name of a suite; /api/v1/suites lists them."
     )
@@ -109,6 +108,7 @@ def _plan(request: CampaignRequest, limits: Limits) -> CampaignPlan:
     cases = suite_of(request)
     if not cases.cases:
         raise ScenarioError([Problem("suite", cases.name, "has no cases")])
+    _check_poses(cases)
     jobs, costs = zip(*(_job(case, limits) for case in cases.cases), strict=True)
     return CampaignPlan(
         name=request.name or cases.name,
@@ -119,6 +119,18 @@ def _plan(request: CampaignRequest, limits: Limits) -> CampaignPlan:
         timeout_s=time_limit_s(request.timeout_s, *costs),
         jobs=jobs,
     )
+
+
+def _check_poses(cases: Suite) -> None:
+    """Raises ScenarioError for a campaign that would keep a list of poses with each of very many jobs."""
+    total = 0
+    for case in cases.cases:
+        controller = case.scenario.get("controller")
+        inline = controller.get("poses") if isinstance(controller, dict) else None
+        total += len(inline) if isinstance(inline, list | tuple) else 0
+    if total > MOST_POSES:
+        message = f"are repeated by each case, {total} in all, at most {MOST_POSES}: name them in controller.poses_file"
+        raise ScenarioError([Problem("scenario.controller.poses", f"{len(cases.cases)} cases", message)])
 
 
 def _job(case: Case, limits: Limits) -> tuple[PlannedJob, Cost]:

@@ -140,7 +140,7 @@ def _size_of(tissue: Tissue) -> _Size:
 
 def _box_size(tissue: Tissue) -> _Size:
     """As `simcore.mesh.mesh.BoxMesh` numbers its nodes: plane by plane along the longest axis."""
-    held = [sum(f"{axis}_{end}" in tissue.fixed_faces for end in ("min", "max")) for axis in "xyz"]
+    held = [sum(f"{axis}_{end}" in tissue.held_faces for end in ("min", "max")) for axis in "xyz"]
     order = sorted(range(3), key=lambda axis: tissue.cells[axis])
     short, middle, long = (max(1, tissue.cells[axis] + 1 - held[axis]) for axis in order)
     nodes = math.prod(count + 1 for count in tissue.cells)
@@ -148,10 +148,11 @@ def _box_size(tissue: Tissue) -> _Size:
 
 
 def _file_size(tissue: Tissue, name: str) -> _Size:
-    from simcore.mesh.numbering import free_node_order, half_bandwidth, held_nodes
+    from simcore.mesh.numbering import free_node_order, half_bandwidth
     from simcore.mesh.reader import load_mesh  # with the mesh kernels: only where there is a mesh file
+    from simcore.scenario.held_parts import held_of
 
     mesh = load_mesh(name, unit_mm=tissue.mesh_unit_mm, names=tissue.fixed_sets, sha256=tissue.mesh_sha256)
-    unknown = free_node_order(mesh, held_nodes(mesh, tissue.fixed_faces, tissue.fixed_sets))
+    unknown = free_node_order(mesh, held_of(tissue, mesh))
     free = int(np.count_nonzero(unknown >= 0))
     return _Size(len(mesh.nodes_m), 3 * free, half_bandwidth(mesh.tets, unknown))

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 from pydantic import BaseModel, ConfigDict, Field
 
 from service.files.upload_names import SCHEME, UPLOAD_ID
+from service.store.job import Label
 from service.worker.training_job import SETTINGS, STAGES, new_regressor
 from simcore.errors import Problem, ScenarioError
 
@@ -40,7 +41,7 @@ class TrainRequest(BaseModel):
         str, Field(pattern=rf"^{SCHEME}{UPLOAD_ID}$", max_length=100, description="The data set: artefact:ID.")
     ]
     kind: Annotated[ModelKind, Field(description="Of the regressor and of the controller that steers by it.")] = "elm"
-    name: Annotated[str | None, Field(min_length=1, max_length=100, description="Its name in lists.")] = None
+    name: Annotated[Label | None, Field(description="Its name in lists.")] = None
     nodes: Annotated[int | None, Field(strict=True, ge=1, le=10_000, description="Of the elm; 25 [paper].")] = None
     ridge: Annotated[
         float | None,
@@ -80,8 +81,6 @@ class TrainRequest(BaseModel):
         ]
         if self.kind == "mlp" and importlib.util.find_spec("sklearn") is None:
             problems.append(Problem("kind", self.kind, "needs scikit-learn, which the service does not have"))
-        if self.name is not None and not self.name.isprintable():
-            problems.append(Problem("name", self.name, "must be printable characters"))
         if problems:
             raise ScenarioError(problems)
         from simcore.learning.regressor import DataError

@@ -10,7 +10,9 @@ import json
 import struct
 import subprocess
 import sys
+import tokenize
 import zipfile
+import zlib
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -31,7 +33,10 @@ class UnusableUploadError(ValueError):
 
 
 def inspect(path: Path, kind: str) -> dict[str, Any]:
-    """The content: counts of a mesh, rows of a data set, settings and origin of a model. Raises UnusableUploadError."""
+    """The content: counts of a mesh, rows of a data set, rows of poses, settings and origin of a model.
+
+    Raises UnusableUploadError.
+    """
     command = [sys.executable, "-m", "service.admission.upload_check", kind, str(path)]
     try:
         done = subprocess.run(
@@ -52,6 +57,8 @@ def read_content(path: Path, kind: str) -> dict[str, Any]:
     """The content, read in this process. Raises UnusableUploadError."""
     if kind == "mesh":
         return _mesh(path)
+    if kind == "poses":
+        return _poses(path)
     if kind == "dataset":
         check_arrays(path)
         return _learned(dataset_content, path)
@@ -68,6 +75,16 @@ def _mesh(path: Path) -> dict[str, Any]:
     except ScenarioError as error:
         raise UnusableUploadError(error.problems[0].message.replace(path.name, "the file")) from None
     return {"nodes": nodes, "tetrahedra": tets}
+
+
+def _poses(path: Path) -> dict[str, Any]:
+    from simcore.errors import ScenarioError
+    from simcore.scenario.pose_file import digest_of_poses, load_poses
+
+    try:
+        return {"poses": len(load_poses(str(path), digest_of_poses(str(path), None)))}
+    except ScenarioError as error:
+        raise UnusableUploadError(error.problems[0].message) from None
 
 
 def _learned(content: Callable[[Path], dict[str, Any]], path: Path) -> dict[str, Any]:
@@ -112,7 +129,7 @@ def _check_shape(archive: zipfile.ZipFile, member: zipfile.ZipInfo) -> None:
             read = {(1, 0): npy.read_array_header_1_0, (2, 0): npy.read_array_header_2_0}[version]
             shape, _, dtype = read(file)
             start = file.tell()
-    except (ValueError, KeyError, SyntaxError) as error:
+    except (ValueError, KeyError, SyntaxError, tokenize.TokenError, zlib.error) as error:
         raise UnusableUploadError(f"its {name} is not an array: {str(error)[:100]}") from None
     if dtype.hasobject:
         raise UnusableUploadError(f"its {name} holds Python objects (a pickle), which are never loaded")

@@ -4,12 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Annotated, Any, cast
 
 from fastapi import Depends, Request
 
 from service.access import ADMIN
 from service.admission.campaign_planner import Planner
+from service.api.event_hub import EventHub
 from service.api.job_view_cache import JobViewCache
 from service.api.openapi import SCOPE_FIELD
 from service.api.problems import HttpError
@@ -19,6 +21,7 @@ from service.engine.engine import Engine
 from service.engine.housekeeper import Keeper
 from service.engine.metrics import Monitor
 from service.settings import Settings
+from service.store.backups import daily_backup
 from service.store.campaigns import CampaignStore
 from service.store.database import open_database
 from service.store.jobs import Store
@@ -45,6 +48,7 @@ class Service:
     schedules: ScheduleStore
     keeper: Keeper
     planner: Planner
+    events: EventHub
 
     @classmethod
     def open(cls, settings: Settings) -> Service:
@@ -58,7 +62,14 @@ class Service:
         engine, campaigns = Engine(settings, store, monitor, uploads), CampaignStore(store)
         schedules = ScheduleStore(store, campaigns)
         planner = Planner(uploads.lookup, settings.limits)
-        keeper = Keeper(campaigns, schedules, planner, wake=engine.wake, sweep=_sweep_of(settings, store, uploads))
+        keeper = Keeper(
+            campaigns,
+            schedules,
+            planner,
+            wake=engine.wake,
+            sweep=_sweep_of(settings, store, uploads),
+            backup=_backup_of(settings, store),
+        )
         return cls(
             settings=settings,
             store=store,
@@ -73,6 +84,7 @@ class Service:
             schedules=schedules,
             keeper=keeper,
             planner=planner,
+            events=EventHub(store, changes),
         )
 
     @property
@@ -83,7 +95,7 @@ class Service:
     def refuse_when_closing(self) -> None:
         """Raises HttpError 503 once no more work is taken."""
         if self.closing:
-            raise HttpError(503, "the service is shutting down", headers={"Retry-After": "10"})
+            raise HttpError(503, "the service is shutting down", headers={"Retry-After": "10"}, code="closing")
 
 
 def _sweep_of(settings: Settings, store: Store, uploads: Uploads) -> Callable[[], retention.Cleared] | None:
@@ -95,6 +107,13 @@ def _sweep_of(settings: Settings, store: Store, uploads: Uploads) -> Callable[[]
         max_bytes=None if settings.keep_gb is None else int(settings.keep_gb * 2**30),
     )
     return lambda: retention.clear(store, settings.jobs, policy, dry_run=False, uploads=uploads)
+
+
+def _backup_of(settings: Settings, store: Store) -> Callable[[], Path | None] | None:
+    """The backup of the day; None when the settings want none."""
+    if not settings.backups:
+        return None
+    return lambda: daily_backup(settings.data, settings.backups, now=store.now)
 
 
 async def _service_of(request: Request) -> Service:

@@ -8,15 +8,22 @@ _JOB = "5f2b8c0d9e1a4b37"
 _CAMPAIGN = "1f0c9d2b7a6e5d43"
 _SCHEDULE = "9a8b7c6d5e4f3a21"
 _SHA256 = "786a663d40c9af756009c06f7974c605467e961660daeceb19dee28db2a444b7"
-_METRICS = {"success": True, "steps_completed": 1222, "steps": 1222, "rmse_mm": 0.0028, "max_error_mm": 0.007}
+_METRICS = {
+    "success": True,
+    "steps_completed": 1222,
+    "steps": 1222,
+    "rmse_commanded_mm": 0.0028,
+    "max_commanded_mm": 0.007,
+}
 _STEPS = "gives 244000 steps, at most 200000 are allowed here"
-_SUITE = {"name": "lin100-v1-quick", "suite": "lin100-v1-quick", "suite_sha256": _SHA256}
+_SUITE = {"name": "lin100-v2-quick", "suite": "lin100-v2-quick", "suite_sha256": _SHA256}
 
 JOB: dict[str, Any] = {
     "id": _JOB,
     "kind": "insertion",
     "name": "demo",
     "state": "running",
+    "outcome": None,
     "attempt": 1,
     "priority": 0,
     "timeout_s": 3600.0,
@@ -89,9 +96,9 @@ EXAMPLES: dict[str, dict[str, Any]] = {
         **_SUITE,
         "state": "running",
         "cancelling": False,
-        "request": {"suite": "lin100-v1-quick"},
+        "request": {"suite": "lin100-v2-quick"},
         "cases": 140,
-        "jobs": {"succeeded": 70, "running": 2, "queued": 68},
+        "jobs": {"finished": 70, "running": 2, "queued": 68},
         "fraction": 0.5,
         "eta_s": 180.0,
         "priority": -10,
@@ -116,7 +123,7 @@ EXAMPLES: dict[str, dict[str, Any]] = {
         "catchup": "latest",
         "overlap": "forbid",
         "enabled": True,
-        "campaign": {"suite": "lin100-v1-quick"},
+        "campaign": {"suite": "lin100-v2-quick"},
         "next_run_at": "2026-11-30T01:00:00Z",
         "created_at": "2026-11-29T02:00:00Z",
         "version": 1,
@@ -145,6 +152,7 @@ EXAMPLES: dict[str, dict[str, Any]] = {
     },
     "ProblemDetails": {
         "type": "about:blank",
+        "code": "scenario-invalid",
         "title": "Unprocessable Entity",
         "status": 422,
         "detail": "the scenario cannot be run: dt_s: " + _STEPS,

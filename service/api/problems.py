@@ -12,13 +12,18 @@ from fastapi import FastAPI, Request
 from fastapi.exceptions import RequestValidationError
 from starlette.exceptions import HTTPException
 from starlette.responses import Response
+from starlette.routing import Match
 
 from service.access import ForbiddenError
-from service.store.campaign import CampaignActiveError, UnknownCampaignError
+from service.api.problem_codes import CODES, code_of
+from service.files.disk import REFUSALS
+from service.files.intact import DamagedFileError
+from service.store.campaign import CampaignActiveError, CampaignPinnedError, UnknownCampaignError
 from service.store.errors import OperationalError
 from service.store.job import (
     IllegalTransitionError,
     InputGoneError,
+    JobPinnedError,
     KeyReusedError,
     QueueFullError,
     UnknownJobError,
@@ -35,25 +40,31 @@ Handler = Callable[[Request, Exception], Response]
 MEDIA_TYPE = "application/problem+json"
 _NO_PAGES = ("/api/", "/recordings/", "/static/", "/viewer/")
 _SHOWN = 200  # characters of an offending value that are echoed
-_STATUS: dict[type[Exception], int] = {  # of errors whose own message is the detail
-    ForbiddenError: 403,
-    UnknownCampaignError: 404,
-    UnknownJobError: 404,
-    UnknownKeyError: 404,
-    UnknownModelError: 404,
-    UnknownScheduleError: 404,
-    UnknownUploadError: 404,
-    CampaignActiveError: 409,
-    IllegalTransitionError: 409,
-    ScheduleExistsError: 409,
-    UploadInUseError: 409,
-    ScheduleChangedError: 412,
-    UploadsFullError: 507,
+CODE_OF: dict[type[Exception], str] = {  # of errors whose own message is the detail
+    ForbiddenError: "scope-missing",
+    UnknownCampaignError: "campaign-unknown",
+    UnknownJobError: "job-unknown",
+    UnknownKeyError: "key-unknown",
+    UnknownModelError: "model-unknown",
+    UnknownScheduleError: "schedule-unknown",
+    UnknownUploadError: "upload-unknown",
+    CampaignActiveError: "campaign-state",
+    CampaignPinnedError: "campaign-pinned",
+    IllegalTransitionError: "job-state",
+    JobPinnedError: "job-pinned",
+    ScheduleExistsError: "schedule-exists",
+    UploadInUseError: "upload-in-use",
+    ScheduleChangedError: "version-changed",
+    UploadsFullError: "uploads-full",
+    DamagedFileError: "file-damaged",
 }
 
 
 class HttpError(Exception):
-    """An error response, raised by a route; `errors` names each wrong field, its value and the allowed range."""
+    """An error response, raised by a route; `errors` names each wrong field, its value and the allowed range.
+
+    code: of `CODES`, None = the general one of the status.
+    """
 
     def __init__(
         self,
@@ -63,8 +74,10 @@ class HttpError(Exception):
         errors: list[Problem] | None = None,
         headers: Mapping[str, str] | None = None,
         more: Mapping[str, Any] | None = None,
+        code: str | None = None,
     ) -> None:
         self.status, self.detail, self.errors, self.headers, self.more = status, detail, errors, headers, more
+        self.code = code_of(status, code)
         super().__init__(detail)
 
 
@@ -76,9 +89,19 @@ def problem_response(
     errors: list[Problem] | None = None,
     headers: Mapping[str, str] | None = None,
     more: Mapping[str, Any] | None = None,
+    code: str | None = None,
 ) -> Response:
-    """The response of an error, with `more` members. ASCII only, so that no malformed text of a request breaks it."""
-    body: dict[str, Any] = {"type": "about:blank", "title": _title(status), "status": status, "detail": detail}
+    """The response of an error, with `more` members; code: of `CODES`, None = the general one of the status.
+
+    ASCII only, so that no malformed text of a request breaks it.
+    """
+    body: dict[str, Any] = {
+        "type": "about:blank",
+        "title": _title(status),
+        "status": status,
+        "code": code_of(status, code),
+        "detail": detail,
+    }
     if instance is not None:
         body["instance"] = instance
     if errors is not None:
@@ -122,15 +145,15 @@ def install(app: FastAPI, *, page: Callable[[Request, int, str, str], Response] 
     page: renders (request, status, title, detail) for a browser that asked for a page.
     """
     app.state.problem_page = page
-    for error, status in _STATUS.items():
-        app.add_exception_handler(error, _handler_of(status))
+    for error, code in CODE_OF.items():
+        app.add_exception_handler(error, _handler_of(code))
     for error, handler in _HANDLERS.items():
         app.add_exception_handler(error, handler)
 
 
-def _handler_of(status: int) -> Handler:
+def _handler_of(code: str) -> Handler:
     def handler(request: Request, error: Exception) -> Response:
-        return _reply(request, status, str(error))
+        return _reply(request, CODES[code][0], str(error), code=code)
 
     return handler
 
@@ -152,7 +175,15 @@ def _is_page(method: str, path: str, accept: str) -> bool:
 
 def _on_http_error(request: Request, error: Exception) -> Response:
     assert isinstance(error, HttpError)
-    return _reply(request, error.status, error.detail, errors=error.errors, headers=error.headers, more=error.more)
+    return _reply(
+        request,
+        error.status,
+        error.detail,
+        errors=error.errors,
+        headers=error.headers,
+        more=error.more,
+        code=error.code,
+    )
 
 
 def _on_framework(request: Request, error: Exception) -> Response:
@@ -160,12 +191,20 @@ def _on_framework(request: Request, error: Exception) -> Response:
     detail = str(error.detail)
     if error.status_code == 404 and detail == "Not Found":
         detail = "there is nothing at this address"
+    headers = dict(error.headers or {})
     if error.status_code == 405:
         detail = f"{request.method} is not allowed here"
-    headers = dict(error.headers or {})
-    if "GET" in (allowed := headers.get("Allow", "").split(", ")):
-        headers["Allow"] = ", ".join(dict.fromkeys([*allowed, "HEAD"]))
+        headers["Allow"] = ", ".join(_methods_at(request))
     return _reply(request, error.status_code, detail, headers=headers)
+
+
+def _methods_at(request: Request) -> list[str]:
+    """Every method that some route takes at this address: the framework names those of the first route alone."""
+    methods: set[str] = set()
+    for route in request.app.state.every_route:
+        if route.matches(request.scope)[0] is not Match.NONE:
+            methods |= set(getattr(route, "methods", None) or ())
+    return sorted(methods | ({"HEAD"} if "GET" in methods else set()))
 
 
 def _on_request(request: Request, error: Exception) -> Response:
@@ -173,7 +212,8 @@ def _on_request(request: Request, error: Exception) -> Response:
     wrong = error.errors()
     broken = next((item for item in wrong if item["type"] == "json_invalid"), None)
     if broken is not None:
-        return _reply(request, 400, f"the body is not JSON: {broken.get('ctx', {}).get('error', broken['msg'])}")
+        reason = broken.get("ctx", {}).get("error", broken["msg"])
+        return _reply(request, 400, f"the body is not JSON: {reason}", code="json-invalid")
     media_type = request.headers.get("content-type", "").partition(";")[0].strip().lower()
     if any(item["loc"] == ("body",) for item in wrong) and not media_type.endswith("json"):
         return _reply(request, 415, f"the body must be application/json, not {media_type[:100] or 'untyped'}")
@@ -196,32 +236,42 @@ def _message(item: Any) -> str:
 def _on_scenario(request: Request, error: Exception) -> Response:
     assert isinstance(error, ScenarioError)
     detail = "the scenario cannot be run: " + "; ".join(f"{p.field}: {p.message}" for p in error.problems)
-    return _reply(request, 422, detail, errors=error.problems)
+    return _reply(request, 422, detail, errors=error.problems, code="scenario-invalid")
 
 
 def _on_key(request: Request, error: Exception) -> Response:
     field = Problem("Idempotency-Key", request.headers.get("idempotency-key"), str(error))
-    return _reply(request, 422, str(error), errors=[field])
+    return _reply(request, 422, str(error), errors=[field], code="idempotency-key-reused")
 
 
 def _on_full(request: Request, error: Exception) -> Response:
-    return _reply(request, 429, f"{error}; try again later", headers={"Retry-After": "10"})
+    return _reply(request, 429, f"{error}; try again later", headers={"Retry-After": "10"}, code="queue-full")
 
 
 def _on_gone(request: Request, error: Exception) -> Response:
     assert isinstance(error, UploadGoneError)
-    return _reply(request, 422, str(error), errors=error.problems)
+    return _reply(request, 422, str(error), errors=error.problems, code="upload-gone")
 
 
 def _on_input_gone(request: Request, error: Exception) -> Response:
     assert isinstance(error, InputGoneError)
-    return _reply(request, 409, str(error), errors=error.problems)
+    return _reply(request, 409, str(error), errors=error.problems, code="job-input-gone")
 
 
 def database_refusal(request: Request, error: Exception) -> Response:
     """503 for a full disk, a locked database or a data folder that became read-only; nothing was changed."""
     assert isinstance(error, OperationalError)
-    return _reply(request, 503, f"the database cannot be used now: {error.orig}", headers={"Retry-After": "10"})
+    detail = f"the database cannot be used now: {error.orig}"
+    return _reply(request, 503, detail, headers={"Retry-After": "10"}, code="database-unavailable")
+
+
+def _on_disk(request: Request, error: Exception) -> Response:
+    """A write that the disk refused is its state, not a fault of the service; anything else is."""
+    assert isinstance(error, OSError)
+    if error.errno not in REFUSALS:
+        return _on_crash(request, error)
+    detail = f"the disk of the service refuses: {error.strerror}; try again once it has room"
+    return _reply(request, 507, detail, headers={"Retry-After": "60"}, code="disk-full")
 
 
 def _on_crash(request: Request, _error: Exception) -> Response:
@@ -238,5 +288,6 @@ _HANDLERS: dict[type[Exception], Handler] = {
     UploadGoneError: _on_gone,
     InputGoneError: _on_input_gone,
     OperationalError: database_refusal,
+    OSError: _on_disk,
     Exception: _on_crash,
 }

@@ -7,22 +7,39 @@ import statistics
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, Literal
 
-from benchmarks.paper.table import Row, arms, by_group, main_rows, only
+from benchmarks.paper.table import BESIDE, Row, arms, beside, by_group, main_rows, only
+from service.store.job import INSERTION, outcome_of
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
     from service.store.campaign import CampaignCase
 
-Column = Literal["number", "case", "state", "outcome", "rmse", "max", "final", "step"]
+Column = Literal[
+    "number",
+    "case",
+    "state",
+    "outcome",
+    "rmse",
+    "max",
+    "final",
+    "rcm",
+    "push",
+    "lateral",
+    "drag",
+    "strain",
+    "stress",
+    "step",
+]
 
 
 @dataclass(frozen=True, kw_only=True)
 class CaseResult:
     """One insertion of a campaign. Numbers are None before its end and where it failed.
 
-    job_id: None once the job was deleted. status: how the run ended, as in result.json. outcome: the same in words.
-    message: why it failed. step_ms: median of the plant's steps.
+    job_id: None once the job was deleted. status: how the run ended, as in result.json. outcome: success, missed or the
+    status; the error of a job that left no result. message: why it failed. beside: each metric of `BESIDE`. step_ms:
+    median of the plant's steps.
     """
 
     number: int
@@ -34,9 +51,10 @@ class CaseResult:
     outcome: str
     message: str
     success: bool | None
-    rmse_mm: float | None
-    max_error_mm: float | None
-    final_error_mm: float | None
+    rmse_commanded_mm: float | None
+    max_commanded_mm: float | None
+    final_commanded_mm: float | None
+    beside: dict[str, float | None]
     step_ms: float | None
     digest: str | None
 
@@ -52,48 +70,56 @@ class CaseResult:
             job_id=case.job_id,
             state=case.state,
             status=result.get("status"),
-            outcome=_outcome(case),
+            outcome=outcome_of(INSERTION, case.result) or case.error_kind or "",
             message=case.error or result.get("message") or "",
             success=metrics.get("success"),
-            rmse_mm=metrics.get("rmse_mm"),
-            max_error_mm=metrics.get("max_error_mm"),
-            final_error_mm=metrics.get("final_error_mm"),
+            rmse_commanded_mm=metrics.get("rmse_commanded_mm"),
+            max_commanded_mm=metrics.get("max_commanded_mm"),
+            final_commanded_mm=metrics.get("final_commanded_mm"),
+            beside={metric: metrics.get(metric) for metric in BESIDE},
             step_ms=((result.get("timing") or {}).get("plant") or {}).get("median_ms"),
             digest=result.get("digest"),
         )
 
-
-def _outcome(case: CampaignCase) -> str:
-    if case.result is None:
-        return (case.error_kind or "").replace("_", " ")
-    if (case.result.get("metrics") or {}).get("success"):
-        return "on target"
-    return str(case.result.get("status", "")).replace("_", " ") + ", no success"
+    def value(self, name: str) -> Any:
+        """A field, or a metric of `beside`."""
+        return self.beside[name] if name in self.beside else getattr(self, name)
 
 
-_FIELDS: dict[Column, str] = {
+FIELDS: dict[Column, str] = {
     "number": "number",
     "case": "case_id",
     "state": "state",
     "outcome": "outcome",
-    "rmse": "rmse_mm",
-    "max": "max_error_mm",
-    "final": "final_error_mm",
+    "rmse": "rmse_commanded_mm",
+    "max": "max_commanded_mm",
+    "final": "final_commanded_mm",
+    "rcm": "rcm_max_mm",
+    "push": "max_push_n",
+    "lateral": "max_lateral_n",
+    "drag": "entry_drag_mm",
+    "strain": "max_strain",
+    "stress": "max_needle_stress_mpa",
     "step": "step_ms",
 }
 
 
 def sorted_cases(cases: Sequence[CampaignCase], column: Column, *, descending: bool) -> list[CaseResult]:
     """The cases sorted by a column; those without a value there come last in either direction."""
-    rows, name = [CaseResult.of(case) for case in cases], _FIELDS[column]
-    known = [row for row in rows if getattr(row, name) is not None]
-    ordered = sorted(known, key=lambda row: getattr(row, name), reverse=descending)
-    return ordered + [row for row in rows if getattr(row, name) is None]
+    rows, name = [CaseResult.of(case) for case in cases], FIELDS[column]
+    known = [row for row in rows if _ranks(row.value(name))]
+    ordered = sorted(known, key=lambda row: row.value(name), reverse=descending)
+    return ordered + [row for row in rows if not _ranks(row.value(name))]
+
+
+def _ranks(value: Any) -> bool:
+    return value is not None and (not isinstance(value, float) or math.isfinite(value))
 
 
 @dataclass(frozen=True, kw_only=True)
 class Score:
-    """The insertions of one controller in one group. Errors in mm; None where the figure is that of a failure."""
+    """The insertions of one controller in one group. Errors in mm; None where the figure is that of a failure. beside:
+    medians of `BESIDE` over the stable ones. yielded: how many needles would have stayed bent."""
 
     group: str
     controller: str
@@ -102,6 +128,8 @@ class Score:
     successful: int
     median_rmse_mm: float | None
     worst_rmse_mm: float | None
+    beside: dict[str, float | None]
+    yielded: int
 
 
 def scores(table: Sequence[Row]) -> list[Score]:
@@ -114,7 +142,7 @@ def scores(table: Sequence[Row]) -> list[Score]:
 
 
 def _score(group: str, controller: str, rows: Sequence[Row]) -> Score:
-    errors = sorted(row.rmse_mm for row in rows)
+    errors = sorted(row.rmse_commanded_mm for row in rows)
     return Score(
         group=group,
         controller=controller,
@@ -123,6 +151,8 @@ def _score(group: str, controller: str, rows: Sequence[Row]) -> Score:
         successful=sum(row.success for row in rows),
         median_rmse_mm=_finite(statistics.median(errors)),
         worst_rmse_mm=_finite(errors[-1]),
+        beside={metric: _finite(value) for metric, value in beside(rows).items()},
+        yielded=sum(bool(row.yielded) for row in rows),
     )
 
 

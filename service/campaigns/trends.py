@@ -7,7 +7,7 @@ import statistics
 from dataclasses import asdict, dataclass
 from typing import TYPE_CHECKING, Any
 
-from benchmarks.paper.table import rows
+from benchmarks.paper.table import beside, rows
 from benchmarks.trend import Judgement, Loss, Point, judge_all, lasting_losses
 from service.campaigns.results import origin, outcomes
 
@@ -66,23 +66,24 @@ def point(campaign: Campaign, results: Sequence[Outcome]) -> Point:
         at=campaign.created_at,
         commit=source.get("commit"),
         machine=f"{source.get('cpu', 'unknown')}, {source.get('cpu_count', '?')} cores",
-        rmse_mm={row.id: row.rmse_mm for row in table},
+        rmse_commanded_mm={row.id: row.rmse_commanded_mm for row in table},
         digests={row.id: row.digest for row in table},
         successes=len([row for row in table if row.success]),
         step_ms=statistics.median(steps) if steps else None,
+        beside={metric: value if math.isfinite(value) else None for metric, value in beside(table).items()},
     )
 
 
 def point_json(one: Point) -> dict[str, Any]:
     """A point as JSON data; an infinite error, that of a failure, is null."""
-    errors = {name: value if math.isfinite(value) else None for name, value in one.rmse_mm.items()}
-    return {**asdict(one), "rmse_mm": errors}
+    errors = {name: value if math.isfinite(value) else None for name, value in one.rmse_commanded_mm.items()}
+    return {**asdict(one), "rmse_commanded_mm": errors}
 
 
 def point_of(data: dict[str, Any]) -> Point:
     """The point that `point_json` wrote."""
-    errors = {name: math.inf if value is None else value for name, value in data["rmse_mm"].items()}
-    return Point(**{**data, "rmse_mm": errors})
+    errors = {name: math.inf if value is None else value for name, value in data["rmse_commanded_mm"].items()}
+    return Point(**{**data, "rmse_commanded_mm": errors})
 
 
 def _step_ms(outcome: Outcome) -> float | None:

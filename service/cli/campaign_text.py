@@ -9,10 +9,21 @@ from typing import TYPE_CHECKING, Any
 import click
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator
+    from collections.abc import Callable, Iterator, Mapping
 
     from service.client.campaigns import CampaignStatus
     from service.client.client import Client
+
+
+BESIDE = {
+    "rcm_max_mm": ("RCM mm", 2),
+    "max_push_n": ("push N", 2),
+    "max_lateral_n": ("lateral N", 2),
+    "entry_drag_mm": ("drag mm", 2),
+    "max_strain": ("strain", 2),
+    "max_needle_stress_mpa": ("stress MPa", 0),
+}  # as `benchmarks.paper.table` has it, in columns of a terminal; a command does not wait for the analyses
+BESIDE_HEAD = "".join(f"{heading:>11}" for heading, _ in BESIDE.values())
 
 
 def print_plan(plan: dict[str, Any]) -> None:
@@ -75,12 +86,46 @@ def where(now: CampaignStatus) -> str:
 
 def print_scores(results: dict[str, Any]) -> None:
     """A line for each group and controller."""
-    click.echo(f"{'group':<12}{'controller':<20}{'n':>6}{'stable':>9}{'success':>9}{'median RMSE':>14}{'maximum':>12}")
+    head = f"{'group':<12}{'controller':<20}{'n':>6}{'stable':>9}{'success':>9}{'median RMSE':>14}{'maximum':>12}"
+    click.echo(f"{head}{BESIDE_HEAD}")
     for score in results["scores"]:
         marks = f"{score['young']} E, noise {score['noise']}"
         shares = f"{100 * score['stable']:>7.0f} %{100 * score['success']:>7.0f} %"
         errors = f"{millimetres(score['median_mm']):>14}{millimetres(score['max_mm']):>12}"
-        click.echo(f"{score['group']:<12}{score['arm']:<20}{score['insertions']:>6}{shares}{errors}  {marks}")
+        paid = beside_text(score["beside"])
+        click.echo(f"{score['group']:<12}{score['arm']:<20}{score['insertions']:>6}{shares}{errors}{paid}  {marks}")
+
+
+def print_comparisons(comparisons: list[dict[str, Any]]) -> None:
+    """A line for each test, and one for each side: what its error may have been paid with."""
+    if not comparisons:
+        click.echo("they have no paths in common")
+        return
+    click.echo(f"{'':<22}{BESIDE_HEAD}")
+    for one in comparisons:
+        low, high = one["difference_interval_mm"]
+        interval = "" if low is None or high is None else f" [{low:+.4f}, {high:+.4f}]"
+        difference = "failed" if one["difference_mm"] is None else f"{one['difference_mm']:+.4f} mm"
+        names = f"{one['group']:<12}{one['first']} - {one['second']}"
+        click.echo(f"{names:<42}{difference}{interval}  p = {one['p_primary']:.2g}  {one['pairs']} pairs")
+        for side in ("first", "second"):
+            click.echo(f"  {one[side]:<20}{beside_text(one[f'beside_{side}'])}")
+
+
+def trend_line(point: Mapping[str, Any]) -> str:
+    """One run of a suite."""
+    step = "" if point["step_ms"] is None else f"{point['step_ms']:.2f} ms"
+    commit = (point["commit"] or "unknown")[:8]
+    mark = "REGRESSION" if point["regression"] else ""
+    ends = f"{point['successes']} of {point['cases']}"
+    rmse, paid = millimetres(point["median_rmse_mm"]), beside_text(point["beside"])
+    return f"{point['at'][:16]}  {commit:<9}{ends:<14}{rmse:<12}{paid}  {step:<10}{point['campaign']}  {mark}"
+
+
+def beside_text(values: Mapping[str, float | None]) -> str:
+    """What a small tip error may have been paid with, in the columns of BESIDE_HEAD."""
+    found = [(values.get(name), digits) for name, (_, digits) in BESIDE.items()]
+    return "".join(f"{'-' if value is None else f'{value:.{digits}f}':>11}" for value, digits in found)
 
 
 def millimetres(value: float | None) -> str:

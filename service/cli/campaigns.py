@@ -9,7 +9,17 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from service.cli.campaign_text import follow_campaign, millimetres, print_plan, print_scores, print_trend, where
+from service.cli.campaign_request import campaign_request, check_request
+from service.cli.campaign_text import (
+    BESIDE_HEAD,
+    follow_campaign,
+    print_comparisons,
+    print_plan,
+    print_scores,
+    print_trend,
+    trend_line,
+    where,
+)
 from service.cli.connection import data_option, service_client, url_option, with_field_errors
 from simcore.errors import Problem, ScenarioError
 
@@ -42,10 +52,10 @@ def campaign() -> None:
 
     \b
     The named suites:         needlebench campaign suites
-    What one would cost:      needlebench campaign run lin100-v1-quick --dry-run
-    Run it, with a report:    needlebench campaign run lin100-v1-quick --report report.html
+    What one would cost:      needlebench campaign run lin100-v2-quick --dry-run
+    Run it, with a report:    needlebench campaign run lin100-v2-quick --report report.html
     A grid of your own:       needlebench campaign run --scenario line --grid controller.gain=0.5,1 --grid seed=0,1,2
-    In a nightly job:         needlebench campaign run lin100-v1-quick --fail-on-regression
+    In a nightly job:         needlebench campaign run lin100-v2-quick --fail-on-regression
     """
 
 
@@ -93,10 +103,10 @@ def run(
     earlier runs in that folder: accuracy by digests and paired tests, time against the same machine.
 
     \b
-    A suite, with a report:   needlebench campaign run lin100-v1-quick --report report.html
-    What it would cost:       needlebench campaign run lin100-v1 --dry-run
+    A suite, with a report:   needlebench campaign run lin100-v2-quick --report report.html
+    What it would cost:       needlebench campaign run lin100-v2 --dry-run
     A grid, with a trend:     needlebench campaign run --scenario line --grid tissue.young_kpa=3,6.3 --name stiffness
-    By cron or in CI:         needlebench campaign run lin100-v1-quick --fail-on-regression --csv table.csv
+    By cron or in CI:         needlebench campaign run lin100-v2-quick --fail-on-regression --csv table.csv
 
     \b
     Exit code: 0 done; 1 a regression (with --fail-on-regression), or jobs without a result
@@ -106,6 +116,8 @@ def run(
     for option, file in (("--csv", options["csv_file"]), ("--report", options["report_file"])):
         if file is not None and not file.absolute().parent.is_dir():  # reported now, not after all jobs have run
             raise ScenarioError([Problem(option, str(file), f"there is no folder {file.absolute().parent}")])
+    if url is None and not detach:
+        check_request(request)
     with _service(url, data, detach) as client:
         if options["dry_run"]:
             print_plan(client.plan_campaign(request))
@@ -118,45 +130,11 @@ def run(
         _save(client, done, options["csv_file"], options["report_file"])
         print_scores(client.campaign_results(done.id))
         worse = print_trend(client, done)
-        lost = done.cases - done.jobs.get("succeeded", 0)
+        lost = done.cases - done.jobs.get("finished", 0)
         if lost:
             click.echo(f"{lost} of {done.cases} jobs have no result", err=True)
         if lost or (worse and options["fail_on_regression"]):
             ctx.exit(REGRESSION)
-
-
-def campaign_request(suite: str | None, options: dict[str, Any]) -> dict[str, Any]:
-    """The JSON of the request that the options describe. Raises ScenarioError."""
-    request: dict[str, Any] = {"priority": options.get("priority", -10)}
-    if options.get("name"):
-        request["name"] = options["name"]
-    if suite is not None and not options["axes"]:
-        return {**request, "suite": suite, "model": options["model"]}
-    if suite is not None or not options["axes"]:
-        raise ScenarioError([Problem("SUITE", suite, "give either a suite or at least one --grid")])
-    if options["source"]:
-        from service.cli.local import read_source
-
-        request["scenario"] = read_source(options["source"])
-    return {**request, "grid": dict(_axis(text) for text in options["axes"])}
-
-
-def _axis(text: str) -> tuple[str, list[Any]]:
-    path, sign, values = text.partition("=")
-    if not sign or not path.strip() or not values.strip():
-        raise ScenarioError([Problem("--grid", text, "must be FIELD=V1,V2,..., as in tissue.young_kpa=3,6.3")])
-    if values.strip().startswith("["):
-        return path.strip(), list(_value(values, path))
-    return path.strip(), [_value(value.strip(), path) for value in values.split(",")]
-
-
-def _value(text: str, path: str) -> Any:
-    try:
-        return json.loads(text)
-    except ValueError:
-        if text.startswith("["):
-            raise ScenarioError([Problem(f"--grid {path}", text, "is not a JSON list")]) from None
-        return text
 
 
 @contextmanager
@@ -192,7 +170,7 @@ def list_(suite: str | None, limit: int, as_json: bool, url: str | None) -> None
 
     \b
     The latest ones:          needlebench campaign list
-    Of one suite, as JSON:    needlebench campaign list --suite lin100-v1-quick --limit 100 --json
+    Of one suite, as JSON:    needlebench campaign list --suite lin100-v2-quick --limit 100 --json
     """
     with service_client(url) as client:
         for one in list(client.campaigns(suite=suite, limit=limit)):
@@ -259,14 +237,7 @@ def compare(campaigns: tuple[str, ...], controllers: tuple[str, str] | None, as_
         return
     if comparison["shared_cases"] is not None:
         click.echo(f"{comparison['same_digests']} of {comparison['shared_cases']} shared cases have the same digest")
-    if not comparison["comparisons"]:
-        click.echo("they have no paths in common")
-    for one in comparison["comparisons"]:
-        low, high = one["difference_interval_mm"]
-        interval = "" if low is None or high is None else f" [{low:+.4f}, {high:+.4f}]"
-        difference = "failed" if one["difference_mm"] is None else f"{one['difference_mm']:+.4f} mm"
-        names = f"{one['group']:<12}{one['first']} - {one['second']}"
-        click.echo(f"{names:<42}{difference}{interval}  p = {one['p_primary']:.2g}  {one['pairs']} pairs")
+    print_comparisons(comparison["comparisons"])
 
 
 @campaign.command()
@@ -277,20 +248,17 @@ def trend(suite: str, as_json: bool, url: str | None) -> None:
     """Show a suite over commits and dates, regressions marked.
 
     \b
-    Of a suite:               needlebench campaign trend lin100-v1-quick
+    Of a suite:               needlebench campaign trend lin100-v2-quick
     Of a grid, by its name:   needlebench campaign trend stiffness --json
     """
     with service_client(url) as client:
         points = client.trend(suite)
         if not points:
             click.echo(f"no campaign of {suite} has ended yet; to list campaigns: needlebench campaign list", err=True)
+        if points and not as_json:
+            click.echo(f"{'':<53}{BESIDE_HEAD}")
         for point in points:
             if as_json:
                 click.echo(json.dumps(point))
                 continue
-            step = "" if point["step_ms"] is None else f"{point['step_ms']:.2f} ms"
-            commit = (point["commit"] or "unknown")[:8]
-            mark = "REGRESSION" if point["regression"] else ""
-            ends = f"{point['successes']} of {point['cases']}"
-            rmse = millimetres(point["median_rmse_mm"])
-            click.echo(f"{point['at'][:16]}  {commit:<9}{ends:<14}{rmse:<14}{step:<10}{point['campaign']}  {mark}")
+            click.echo(trend_line(point))

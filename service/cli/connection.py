@@ -36,7 +36,7 @@ def service_client(url: str | None) -> Iterator[Client]:
     Wrong fields that the service reports become ScenarioError: bad input of the command.
     """
     from service.client.client import Client
-    from service.server.endpoint import endpoint
+    from service.files.endpoint import endpoint
     from service.settings import DEFAULT_HOST, DEFAULT_PORT, data_dir, url_of
 
     known = url or endpoint(data_dir()) or url_of(DEFAULT_HOST, DEFAULT_PORT)

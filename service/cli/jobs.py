@@ -87,19 +87,21 @@ def _read(source: str, changes: tuple[str, ...]) -> Any:
 
 
 @click.command()
-@click.option("--state", metavar="STATE", help="Only queued, running, succeeded, failed, cancelled or timed_out.")
+@click.option("--state", metavar="STATE", help="Only queued, running, finished, failed, cancelled or timed_out.")
+@click.option("--outcome", metavar="OUTCOME", help="Only finished ones: success, missed, or a status, as target_lost.")
 @click.option("--limit", type=click.IntRange(1, 10_000), default=20, show_default=True, help="Most jobs listed.")
 @click.option("--json", "as_json", is_flag=True, help="One JSON object per line.")
 @url_option
-def jobs(state: str | None, limit: int, as_json: bool, url: str | None) -> None:
+def jobs(state: str | None, outcome: str | None, limit: int, as_json: bool, url: str | None) -> None:
     """List the jobs of a service, newest first.
 
     \b
     The running ones:         needlebench jobs --state running
+    That lost their target:   needlebench jobs --outcome target_lost
     For other programs:       needlebench jobs --limit 1000 --json
     """
     with service_client(url) as client:
-        for job in list(client.jobs(state=state, limit=limit)):
+        for job in list(client.jobs(state=state, outcome=outcome, limit=limit)):
             click.echo(json.dumps(job.raw) if as_json else _line(job))
 
 
@@ -135,10 +137,10 @@ def retry(job_id: str, url: str | None) -> None:
 
 
 def _line(job: JobStatus) -> str:
-    rmse = (job.metrics or {}).get("rmse_mm")
-    outcome = f"rmse {rmse:.3f} mm" if isinstance(rmse, float) else (job.error or {}).get("kind", "")
+    rmse = (job.metrics or {}).get("rmse_commanded_mm")
+    measured = f"rmse {rmse:.3f} mm" if isinstance(rmse, float) else (job.error or {}).get("kind", "")
     share = f"{100 * job.progress.fraction:3.0f} %"
-    return f"{job.id}  {job.created_at[:19]}  {job.state:<10} {share}  {job.name}  {outcome}".rstrip()
+    return f"{job.id}  {job.created_at[:19]}  {job.outcome or job.state:<14} {share}  {job.name}  {measured}".rstrip()
 
 
 def _print_end(client: Client, job: JobStatus) -> None:
@@ -146,7 +148,7 @@ def _print_end(client: Client, job: JobStatus) -> None:
         click.echo(f"{job.state}: {job.error['message']}", err=True)
     for name, value in (job.metrics or {}).items():
         click.echo(f"  {name:<28}{value:.6g}" if isinstance(value, float) else f"  {name:<28}{value}")
-    if (recording := job.raw["links"]["recording"]) and job.state == "succeeded":
+    if (recording := job.raw["links"]["recording"]) and job.state == "finished":
         click.echo(f"recording: {client.url}{recording}")
 
 

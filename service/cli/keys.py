@@ -40,17 +40,19 @@ def key() -> None:
 def create(scope: str, note: str, data: Path | None) -> None:
     """Create a key and print it. It cannot be shown again.
 
-    Once a key exists, the service on this data folder requires one with every request.
+    Once a key exists, the service on this data folder requires one with every request, also when the last one was
+    revoked: this command is then the way back in.
 
     \b
     For a colleague:          needlebench key create --scope submit --note "Ada"
     """
     with _keys(data) as keys:
         created, text = keys.create(scope=scope, note=note)
-        usable = [item for item in keys.all() if item.revoked_at is None]
+        every = keys.all()
+    usable = [item for item in every if item.revoked_at is None]
     click.echo(text)
     click.echo(f"key {created.id}, scope {created.scope}: keep it now, it is not shown again", err=True)
-    if len(usable) == 1:
+    if len(every) == 1:
         click.echo("this is the first key: from now on the service requires one with every request", err=True)
     if all(item.scope == "read" for item in usable):
         click.echo("no key allows submitting: create one of scope submit or admin too", err=True)
@@ -85,7 +87,9 @@ def revoke(key_id: str, data: Path | None) -> None:
     click.echo(f"key {key_id} is revoked")
     if not left:
         click.echo(
-            "no key is left: on 127.0.0.1 the service requires none, on other addresses it does not start", err=True
+            "no key is left, and the service stays locked; to get back in, on this machine: "
+            "needlebench key create --scope admin",
+            err=True,
         )
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import shutil
 import sys
+import tempfile
 from contextlib import ExitStack, closing
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -32,6 +33,8 @@ def free_to_write(path: Path, *, force: bool) -> None:
         raise ScenarioError([Problem("--out", str(path), "exists; use --force to replace it")])
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
+        with tempfile.TemporaryFile(dir=path.parent):
+            pass
     except OSError as error:
         raise ScenarioError([Problem("--out", str(path), f"cannot be written: {error.strerror}")]) from None
 
@@ -172,6 +175,10 @@ def train(source: Path, path: Path, kind: str, split: str, samples: int | None, 
     from simcore.rollout.artefacts import replace_atomically
 
     free_to_write(path, force=force)
+    if kind == "mlp":
+        from service.worker.network_trainer import require_scikit_learn
+
+        require_scikit_learn()
     data = read_data(source)
     with source.open("rb") as file:
         sha256 = hashlib.file_digest(file, "sha256").hexdigest()

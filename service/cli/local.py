@@ -19,7 +19,7 @@ WITHOUT_SUCCESS = 3
 def scenario(name: str | None, fields: bool) -> None:
     """List the built-in scenarios, or print the one called NAME as JSON with every field and its value.
 
-    A value of null is derived from other fields, as the spacing of the constraint points follows the element size.
+    A value of null is derived from other fields, as the spacing of the constraint points is.
 
     \b
     The built-in ones:            needlebench scenario
@@ -101,12 +101,14 @@ def read_source(source: str) -> dict[str, Any]:
     """The scenario's JSON object, before defaults. Raises ScenarioError."""
     from simcore.errors import Problem, ScenarioError
     from simcore.scenario.presets import preset_names, start
+    from simcore.scenario.suggestions import did_you_mean
 
     if source != "-" and not Path(source).is_file():
         if source in preset_names():
             return start(source)
         known = ", ".join(preset_names())
-        raise ScenarioError([Problem("SCENARIO", source, f"is neither a file nor a built-in scenario: {known}")])
+        meant = did_you_mean(source, preset_names())
+        raise ScenarioError([Problem("SCENARIO", source, f"is neither a file nor a built-in scenario: {known}{meant}")])
     try:
         data = json.loads(sys.stdin.buffer.read() if source == "-" else Path(source).read_bytes())
     except (OSError, ValueError, RecursionError) as error:
@@ -154,7 +156,9 @@ def view(file: Path, picture: Path | None, at_s: float | None, size: tuple[int, 
     from service.recording import viewer
 
     if picture is not None:
-        viewer.screenshot(file, picture, at_s=at_s, size=size)
+        from service.recording.screenshot import screenshot
+
+        screenshot(file, picture, at_s=at_s, size=size)
         click.echo(picture)
         return
     click.get_current_context().exit(viewer.show(file))

@@ -61,8 +61,8 @@ def _cleared(settings: Settings, policy: Policy, dry_run: bool, url: str | None)
     from dataclasses import asdict
 
     from service.engine.retention import clear
+    from service.files.endpoint import endpoint
     from service.files.lock import LockHeldError, file_lock
-    from service.server.endpoint import endpoint
     from service.store.database import open_database
     from service.store.jobs import Store
     from service.store.uploads import Uploads

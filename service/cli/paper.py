@@ -110,9 +110,9 @@ def paper(
             _print_plan(plan, workers, crew)
         return
     from service.local.paper_folder import open_folder
-    from service.local.paper_run import PaperRun, enough_space, identity
+    from service.local.paper_run import PaperRun, check_needs, identity
 
-    enough_space(plan, path)
+    check_needs(plan, path, workers)
     with open_folder(path, identity(plan), any_commit=any_commit, extend=extend) as folder:
         with Crew(workers, folder=folder.series, files=path.absolute()) as crew:
             cost = _print_plan(plan, workers, crew)
@@ -189,6 +189,7 @@ def write_report(findings: Findings, plan: Plan, path: Path, *, wall_s: float, w
         scale=plan.scale.name,
         out=path,
         provenance=origin,
+        band_mm=plan.scale.band_mm,
     )
 
 

@@ -28,7 +28,7 @@ def follow(client: Client, job: JobStatus) -> JobStatus:
 
 def exit_code(job: JobStatus) -> int:
     """0 = completed and successful, 3 = completed without success or not converged, 1 = no result."""
-    if job.state != "succeeded":
+    if job.state != "finished":
         return FAILURE
     return SUCCESS if job.success else WITHOUT_SUCCESS
 

@@ -61,7 +61,7 @@ def fetch_recording(job_id: str, file: Path, url: str | None) -> None:
 
 def _local(client: Client, job: JobStatus) -> Path | None:
     """The file in the data folder of this machine, if it is this service's."""
-    from service.server.endpoint import endpoint
+    from service.files.endpoint import endpoint
     from service.settings import data_dir
 
     data = data_dir()

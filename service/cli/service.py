@@ -81,7 +81,7 @@ def serve(
     list of jobs is at the printed address, the description of the HTTP interface at /openapi.json.
     """
     from service import logs
-    from service.server.endpoint import port_notice
+    from service.server.port_notice import port_notice
     from service.server.server import serve as serve_until_stopped
     from service.settings import Settings
 

@@ -1,4 +1,4 @@
-"""The commands that upload meshes, models and data sets to a service, list, pin and delete them."""
+"""The commands that upload meshes, models, data sets and poses to a service, list, pin and delete them."""
 
 from __future__ import annotations
 
@@ -11,17 +11,19 @@ from service.cli.connection import service_client, url_option
 
 @click.command()
 @click.argument("file", type=click.Path(exists=True, dir_okay=False, path_type=Path))
-@click.option("--kind", type=click.Choice(["mesh", "model", "dataset"]), help="Default: by the suffix.")
+@click.option("--kind", type=click.Choice(["mesh", "model", "dataset", "poses"]), help="Default: by the suffix.")
 @url_option
 def upload(file: Path, kind: str | None, url: str | None) -> None:
     """Upload FILE to a running service and print how scenarios refer to it: artefact:ID.
 
     A tissue mesh is a .msh, .vtu, .vtk, .mesh or .inp file, a model the .json of `needlebench train`, a data set the
-    .npz of `needlebench dataset`. The service checks it before storing it; the same content is the same upload.
+    .npz of `needlebench dataset`, the poses of a replay a .npy array with 7 columns. The service checks it before
+    storing it; the same content is the same upload.
 
     \b
     A mesh of your own:       needlebench upload liver.msh
     Use it:                   needlebench submit mine.json --set tissue.mesh_file=artefact:ID
+    The log of a robot:       needlebench upload poses.npy
     A data set to learn from: needlebench upload data.npz
                               needlebench models train artefact:ID
     """
@@ -39,7 +41,7 @@ def upload(file: Path, kind: str | None, url: str | None) -> None:
 @click.option("--unpin", "unpinned", metavar="ID", help="Allow this one to be removed again.")
 @url_option
 def uploads(deleted: str | None, pinned: str | None, unpinned: str | None, url: str | None) -> None:
-    """List the meshes, models and data sets of a service, newest first; or delete, pin or unpin one.
+    """List the meshes, models, data sets and poses of a service, newest first; or delete, pin or unpin one.
 
     \b
     All uploads:              needlebench uploads

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import sys
 from typing import TYPE_CHECKING, Any, BinaryIO, Self
 from urllib.parse import quote, urlsplit
 
 import httpx2
 
-from service.settings import is_loopback
+from service.files.endpoint import endpoint, local_token
+from service.settings import data_dir, is_loopback
 from simcore.errors import NeedlebenchError, Problem, ScenarioError
 
 if TYPE_CHECKING:
@@ -42,10 +44,11 @@ class Connection:
     def __init__(self, url: str, api_key: str | None = None, *, timeout_s: float = 30.0) -> None:
         if api_key and not (api_key.isascii() and api_key.isprintable()):
             raise ScenarioError([Problem("API key", "(hidden)", "must be printable ASCII characters")])
-        headers = {"Authorization": f"Bearer {api_key}"} if api_key else {}
         self.url = url.rstrip("/")
         try:
             local = is_loopback(urlsplit(url).hostname or "")
+            known = api_key or (_token_of(self.url) if local else None)
+            headers = {"Authorization": f"Bearer {known}"} if known else {}
             self._http = httpx2.Client(
                 base_url=self.url,
                 headers=headers,
@@ -105,6 +108,14 @@ class Connection:
         finally:
             draft.unlink(missing_ok=True)
         return target
+
+
+def _token_of(url: str) -> str | None:
+    """Where the system does not say which account asks: what the data folder of this account says to its service."""
+    if sys.platform == "linux":
+        return None
+    data = data_dir()
+    return local_token(data) if endpoint(data) == url else None
 
 
 def _writable(draft: Path, target: Path) -> BinaryIO:

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any, Self
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
-TERMINAL = frozenset({"succeeded", "failed", "cancelled", "timed_out"})
+TERMINAL = frozenset({"finished", "failed", "cancelled", "timed_out"})
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -34,13 +34,15 @@ class Progress:
 class JobStatus:
     """A job as the service reported it; `raw` is its JSON. `scenario` and `result` are None in lists.
 
-    kind: insertion, or training, which has no scenario.
+    kind: insertion, or training, which has no scenario. outcome: of a job that finished: success, missed, or the
+    status with which its run ended early.
     """
 
     id: str
     kind: str
     name: str
     state: str
+    outcome: str | None
     attempt: int
     progress: Progress
     metrics: Mapping[str, Any] | None
@@ -64,8 +66,7 @@ class JobStatus:
     @property
     def success(self) -> bool:
         """Whether the run completed and met its own definition of success; a training, whether there is a model."""
-        achieved = "model" if self.kind == "training" else "success"
-        return self.state == "succeeded" and bool((self.metrics or {}).get(achieved))
+        return self.outcome == "success"
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -12,14 +12,15 @@ if TYPE_CHECKING:
 
 
 class UploadCalls(Connection):
-    """Meshes, models and data sets."""
+    """Meshes, models, data sets and poses."""
 
     def upload(self, path: Path, *, kind: str | None = None) -> UploadedFile:
-        """Upload a tissue mesh, a model or a data set; kind: mesh, model or dataset, by default from the suffix.
+        """Upload a tissue mesh, a model, a data set or poses; kind: mesh, model, dataset or poses, by default from the
+        suffix.
 
         The same content is the same upload. A scenario or a training refers to it by its `reference`.
         """
-        kind = kind or {".json": "model", ".npz": "dataset"}.get(path.suffix.lower(), "mesh")
+        kind = kind or {".json": "model", ".npz": "dataset", ".npy": "poses"}.get(path.suffix.lower(), "mesh")
         with path.open("rb") as file:
             headers = {"Content-Type": "application/octet-stream"}
             params = {"kind": kind, "name": path.name}

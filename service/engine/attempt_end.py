@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any
 
-from service.store.job import FAILED, SUCCEEDED, TRAINING, Artefact, Job, Outcome
+from service.store.job import FAILED, FINISHED, TRAINING, Artefact, Job, Outcome
 from service.worker.specs import AttemptReport, InsertionSpec, TrainingSpec
 
 if TYPE_CHECKING:
@@ -24,7 +24,7 @@ def outcome_of(job: Job, report: AttemptReport, progress: dict[str, Any] | None)
     """The end of an attempt that its worker reported. progress: the last one."""
     failed = report.error is not None
     return Outcome(
-        state=FAILED if failed else SUCCEEDED,
+        state=FAILED if failed else FINISHED,
         result=None if failed else report.result,
         error_kind=report.error_kind,
         error=report.error,

@@ -85,10 +85,17 @@ class ProgressStore(Protocol):
 
 
 def publish_progress(
-    store: ProgressStore, trace: AttemptTrace, job: Job, due: dict[str, Any] | None, *, beats: bool = False
+    store: ProgressStore,
+    trace: AttemptTrace,
+    job: Job,
+    due: dict[str, Any] | None,
+    *,
+    beats: bool = False,
+    asks: bool = True,
 ) -> bool:
     """Store the progress that is due, if any is, or that the attempt is looked after; whether it is to be cancelled.
 
+    asks: whether to look for a request to cancel it, which costs more than all else here.
     A database that refuses (full disk, lock) is logged: the job goes on, and the next call tries again.
     """
     try:
@@ -97,7 +104,7 @@ def publish_progress(
             store.beat(job, due)
         elif beats:
             store.beat(job)
-        return store.cancel_requested(job.id)
+        return asks and store.cancel_requested(job.id)
     except SQLAlchemyError as error:
         _log.warning("job %s: %s", job.id, error)
         return False

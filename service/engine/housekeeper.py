@@ -1,4 +1,4 @@
-"""Looks after what spans jobs: ends campaigns whose jobs have ended, fires schedules, removes old jobs."""
+"""Looks after what spans jobs: ends campaigns whose jobs have ended, fires schedules, removes old jobs, backs up."""
 
 from __future__ import annotations
 
@@ -13,6 +13,7 @@ from service.worker.failures import described
 
 if TYPE_CHECKING:
     from collections.abc import Callable
+    from pathlib import Path
 
     from service.admission.campaign_planner import Planner
     from service.engine.retention import Cleared
@@ -22,6 +23,7 @@ if TYPE_CHECKING:
 _log = logging.getLogger("needlebench")
 _TICK_S = 1.0
 SWEEP_S = 86_400.0
+BACKUP_LOOK_S = 600.0  # between two looks whether the last backup is a day old
 
 
 class Keeper(threading.Thread):
@@ -35,14 +37,19 @@ class Keeper(threading.Thread):
         *,
         wake: Callable[[], None],
         sweep: Callable[[], Cleared] | None = None,
+        backup: Callable[[], Path | None] | None = None,
         clock: Callable[[], float] = time.monotonic,
     ) -> None:
-        """wake: jobs were queued. sweep: removes old jobs, at the first tick and then once a day; None = never."""
+        """wake: jobs were queued. sweep: removes old jobs, at the first tick and then once a day; None = never.
+
+        backup: makes the backup of the day if it is due, and says where; None = no backups.
+        """
         super().__init__(name="keeper", daemon=True)
         self._campaigns, self._schedules, self._wake = campaigns, schedules, wake
         self._planner = planner
         self._sweep, self._clock = sweep, clock
-        self._next_sweep = clock()
+        self._backup = backup
+        self._next_sweep = self._next_backup = clock()
         self._stopping = threading.Event()
 
     def run(self) -> None:
@@ -67,6 +74,10 @@ class Keeper(threading.Thread):
             self._next_sweep = self._clock() + SWEEP_S
             cleared = self._sweep()
             _log.info("retention: %d jobs removed, %d bytes", len(cleared.jobs), cleared.bytes)
+        if self._backup is not None and self._clock() >= self._next_backup:
+            self._next_backup = self._clock() + BACKUP_LOOK_S
+            if (made := self._backup()) is not None:
+                _log.info("backup of the database: %s", made)
 
     @property
     def ended(self) -> bool:

@@ -22,7 +22,6 @@ from service.store.uploads import Uploads, UploadsFullError
 from service.worker import progress, training_job
 from service.worker.attempt import describe
 from service.worker.failures import described
-from service.worker.memory import resident_mb
 from service.worker.process import WorkerDiedError, WorkerProcess
 
 if TYPE_CHECKING:
@@ -31,6 +30,7 @@ if TYPE_CHECKING:
     from service.engine.metrics import Monitor
     from service.settings import Settings
     from service.store.jobs import Store
+    from service.worker.specs import AttemptReport
 
 _log = logging.getLogger(ROOT)
 _TICK_S = 0.2
@@ -214,13 +214,22 @@ class Slot(threading.Thread):
             ended = self._worker.wait(_TICK_S)
             latest = progress.read(folder)
             if ended:
-                return outcome_of(job, self._worker.collect(), latest)
+                return outcome_of(job, self._collect(job), latest)
             due, beats = watch.due(time.monotonic(), latest), watch.beats(time.monotonic())
-            cancelled = publish_progress(self._store, self.trace, job, due, beats=beats)
-            held_mb = resident_mb(self.pid or 0)
+            asks = self.beats % 2 == 0  # every 0.4 s
+            cancelled = publish_progress(self._store, self.trace, job, due, beats=beats, asks=asks)
+            held_mb = self._worker.held_mb()
             if (ending := watch.ending(time.monotonic(), cancelled=cancelled, held_mb=held_mb)) is not None:
                 return self._cut_short(job, ending)
         return None
+
+    def _collect(self, job: Job) -> AttemptReport:
+        """What the attempt left; a process in which it left anything of its own ends."""
+        report = self._worker.collect()
+        if report.leftovers:
+            _log.warning("job %s left %s", job.id, ", ".join(report.leftovers), extra=named(job))
+            self._worker.kill()
+        return report
 
     def _cut_short(self, job: Job, ending: Ending) -> Outcome:
         """End the process; what it had written so far is kept."""
@@ -231,7 +240,7 @@ class Slot(threading.Thread):
     def _finish(self, job: Job, outcome: Outcome) -> Job:
         """The end of an attempt, and the next job if there is one and a worker for it.
 
-        A model is kept before its job has succeeded: a kill between trains it again.
+        A model is kept before its job has finished: a kill between trains it again.
         """
         if job.kind == TRAINING and outcome.result is not None:
             made = self._settings.data / job.folder / training_job.MODEL

@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from service.files.strict_json import without_nan
+from simcore.errors import ARCHIVE_ERRORS, NeedlebenchError
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -19,17 +20,30 @@ Arrays = dict[str, NDArray[np.generic]]
 _AXES = {3: ("x", "y", "z"), 4: ("w", "x", "y", "z")}
 
 
+class DamagedSeriesError(NeedlebenchError):
+    """A series file that was cut off or changed; says how that shows."""
+
+
 def load(path: Path, names: list[str] | None = None) -> Arrays:
-    """The named arrays; by default all with one row a step. Raises ValueError for an unknown name."""
-    with np.load(path, allow_pickle=False) as file:
-        if names is None:
-            rows = len(file["t_s"])
-            found = {name: file[name] for name in file.files}
-            return {name: array for name, array in found.items() if array.ndim in (1, 2) and len(array) == rows}
-        for name in names:
-            if name not in file.files:
-                raise ValueError(f"there is no array {name!r}; there are {', '.join(file.files)}")
-        return {name: file[name] for name in names}
+    """The named arrays; by default all with one row a step.
+
+    Raises ValueError for an unknown name and DamagedSeriesError for a file that cannot be read.
+    """
+    try:
+        with path.open("rb") as opened, np.load(opened, allow_pickle=False) as file:
+            known = list(file.files)
+            unknown = next((name for name in names or () if name not in known), None)
+            arrays = {} if unknown is not None else {name: file[name] for name in names or known}
+    except ARCHIVE_ERRORS as error:
+        raise DamagedSeriesError(f"is damaged: {str(error)[:200]}") from None
+    if unknown is not None:
+        raise ValueError(f"there is no array {unknown!r}; there are {', '.join(known)}")
+    if names is not None:
+        return arrays
+    if "t_s" not in arrays:
+        raise DamagedSeriesError("is damaged: the times of its steps are missing")
+    rows = len(arrays["t_s"])
+    return {name: array for name, array in arrays.items() if array.ndim in (1, 2) and len(array) == rows}
 
 
 def as_json(arrays: Arrays) -> str:

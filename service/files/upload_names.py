@@ -16,8 +16,9 @@ SUFFIXES = {
     "mesh": (".msh", ".vtu", ".vtk", ".mesh", ".inp"),
     "model": (".json",),
     "dataset": (".npz",),
+    "poses": (".npy",),
 }
-NAMES = {"mesh": "mesh", "model": "model", "dataset": "data set"}  # in sentences
+NAMES = {"mesh": "mesh", "model": "model", "dataset": "data set", "poses": "list of poses"}  # in sentences
 UPLOAD_ID = r"[0-9a-f]{64}\.[a-z]{1,8}"
 _REFERENCE = re.compile(f"{SCHEME}({UPLOAD_ID})")
 NAME = r"[A-Za-z0-9_][A-Za-z0-9_ .+()-]{0,99}"

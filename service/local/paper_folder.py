@@ -28,7 +28,14 @@ if TYPE_CHECKING:
 SCHEMA = "needlebench/paper-run/1"
 RUN, RESULTS, SERIES, MODELS, RECORDINGS = "run.json", "results", "series", "models", "recordings"
 FINGERPRINT = ("schema", "scale", "plan_sha256")
-FOUNDATION = ("element_size_mm", "dt_s", "training", "samples", "nodes")  # of a scale: what data set and models rest on
+FOUNDATION = (
+    "element_size_mm",
+    "dt_s",
+    "training",
+    "retraining",
+    "samples",
+    "nodes",
+)  # of a scale: what data set and models rest on
 
 
 class PaperFolder:

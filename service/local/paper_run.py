@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import shutil
 import tempfile
 from contextlib import closing
@@ -12,9 +13,11 @@ from typing import TYPE_CHECKING, Any, Protocol
 import numpy as np
 
 from benchmarks.paper.pipeline import Findings, rerun
-from benchmarks.paper.plan import Plan, Stage, StepCost, probes, steps
+from benchmarks.paper.plan import Plan, Stage, StepCost, model_names, probes, steps
 from service.local.paper_folder import RECORDINGS, SCHEMA, SERIES, PaperFolder, write_text
 from service.worker.insertion_job import RECORDING_RUNNER
+from service.worker.memory import available_mb
+from service.worker.network_trainer import require_scikit_learn
 from simcore.errors import NeedlebenchError, Problem, ScenarioError
 from simcore.file_names import names_mean
 from simcore.provenance import commit
@@ -27,6 +30,7 @@ if TYPE_CHECKING:
     from service.worker.crew import Crew
 
 DATASET = "dataset.npz"
+WORKER_MB = 350  # that a worker holds, at least [ours]
 SPARE = 1.2  # of the estimated disk space
 
 
@@ -53,7 +57,7 @@ class ProgressListener(Protocol):
 
 def identity(plan: Plan) -> dict[str, Any]:
     """What makes a run the same run; the content of run.json."""
-    scale = plan.scale.model_dump(mode="json")
+    scale = plan.scale.model_dump(mode="json", exclude={"band_mm"})  # may be set after the run
     return {"schema": SCHEMA, "scale": scale, "plan_sha256": plan.sha256, "commit": commit()}
 
 
@@ -68,11 +72,40 @@ def measured_cost(plan: Plan, crew: Crew) -> StepCost:
     return StepCost(ifem_s=each["probe-ifem"], plain_s=each["probe-plain"])
 
 
-def enough_space(plan: Plan, path: Path) -> None:
-    """Raises ScenarioError if there is less space than the plan needs where the folder is or will be."""
+def check_needs(plan: Plan, path: Path, workers: int) -> None:
+    """Look at whatever the run will need before it begins: scikit-learn, a folder that can be written, space, memory.
+
+    Raises ScenarioError, MissingScikitLearnError.
+    """
+    learns_network = any(case.scenario.get("controller", {}).get("kind") == "mlp" for case in _cases(plan))
+    if learns_network and not (path / model_names()["mlp"]).exists():
+        require_scikit_learn()
+    there = _nearest(path)
+    if not (there.is_dir() and os.access(there, os.W_OK | os.X_OK)):
+        raise ScenarioError([Problem("--out", str(path), f"cannot be written: {there} is not writable for this user")])
+    enough_space(plan, path)
+    free_mb = available_mb()
+    if free_mb is not None and free_mb < workers * WORKER_MB:
+        needed = f"need about {workers * WORKER_MB} MB of memory, {free_mb:.0f} MB are available"
+        raise ScenarioError([Problem("--workers", workers, needed)])
+
+
+def _cases(plan: Plan) -> Iterator[Case]:
+    for stage in plan.stages:
+        yield from stage.cases
+
+
+def _nearest(path: Path) -> Path:
+    """The folder itself, or the nearest one above it that exists."""
     there = path.absolute()
     while not there.exists():
         there = there.parent
+    return there
+
+
+def enough_space(plan: Plan, path: Path) -> None:
+    """Raises ScenarioError if there is less space than the plan needs where the folder is or will be."""
+    there = _nearest(path)
     free = shutil.disk_usage(there).free
     if free < SPARE * plan.bytes:
         needed = f"needs about {plan.bytes / 1e6:.0f} MB and some to spare, {free / 1e6:.0f} MB are free"

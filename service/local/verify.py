@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from service.files.strict_json import without_nan
 from service.files.upload_names import SCHEME, UPLOAD_ID
-from simcore.errors import NeedlebenchError
+from simcore.errors import ARCHIVE_ERRORS, NeedlebenchError
 from simcore.file_names import NoSuchFileError, names_mean
 from simcore.provenance import provenance
 
@@ -27,6 +27,9 @@ Arrays = Mapping[str, NDArray[Any]]
 
 class CannotVerifyError(NeedlebenchError):
     """A result that does not say how it came about."""
+
+
+ROUNDING = ("llvm_cpu", "llvm_features", "blas_core", "blas_version")  # what decides how sums and products round
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -142,11 +145,11 @@ def compare(result: Mapping[str, Any], series: Arrays | None, again: Rollout) ->
 
 
 def first_difference(before: Arrays, now: Arrays) -> Difference | None:
-    """The first row in which an array that has one row a step differs, the tip's path before others of that row."""
-    from simcore.rollout.result import UNDIGESTED
+    """The first row in which a digested array of one row a step differs, the tip's path before others of that row."""
+    from simcore.rollout.digest import DIGESTED
 
     found = []
-    for name in sorted(before.keys() & now.keys() - set(UNDIGESTED), key=lambda name: (name != "tip_m", name)):
+    for name in sorted(before.keys() & now.keys() & set(DIGESTED), key=lambda name: (name != "tip_m", name)):
         difference = _in_array(name, before[name], now[name])
         if difference is not None:
             found.append(difference)
@@ -192,6 +195,9 @@ def changed(before: Mapping[str, Any], now: Mapping[str, Any]) -> dict[str, list
     for name in ("commit", "platform", "cpu", "byte_order"):
         if before.get(name) != now.get(name):
             found[name] = [before.get(name), now.get(name)]
+    for name in ROUNDING:
+        if name in before and before[name] != now.get(name):
+            found[name] = _apart(before[name], now.get(name))
     old, new = before.get("versions") or {}, now["versions"]
     for name in sorted(old.keys() | new.keys()):
         if old.get(name) != new.get(name):
@@ -199,12 +205,21 @@ def changed(before: Mapping[str, Any], now: Mapping[str, Any]) -> dict[str, list
     return found
 
 
+def _apart(before: Any, now: Any) -> list[Any]:
+    """Of two lists of words, such as features, only those that the other has not."""
+    if not (isinstance(before, str) and isinstance(now, str) and " " in before + now):
+        return [before, now]
+    then, since = before.split(), now.split()
+    gone, new = [one for one in then if one not in since], [one for one in since if one not in then]
+    return [f"with {' '.join(gone)}" if gone else "without", f"with {' '.join(new)}" if new else "without"]
+
+
 def load_series(path: Path) -> dict[str, NDArray[Any]] | None:
     """The arrays of a series file, or None when there is none. Raises CannotVerifyError for one that cannot be read."""
     if not path.is_file():
         return None
     try:
-        with np.load(path, allow_pickle=False) as file:
+        with path.open("rb") as opened, np.load(opened, allow_pickle=False) as file:
             return {name: file[name] for name in file.files}
-    except (OSError, ValueError, EOFError) as error:
+    except ARCHIVE_ERRORS as error:
         raise CannotVerifyError(f"{path} cannot be read: {error}") from None

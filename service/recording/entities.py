@@ -56,6 +56,7 @@ def log_static(stream: rr.RecordingStream, scene: Scene, drawing: Drawing) -> No
             vertex_normals=outer.normals.astype(np.float32),
             albedo_factor=(255, 255, 255, 45),
         ),
+        "world/tissue/held": rr.Points3D(scene.tissue_rest_m[scene.held_nodes], radii=0.7e-3, colors=[GREY]),
         "world/tissue/edges": rr.LineStrips3D.from_fields(radii=0.25e-3, colors=[GREY]),
         "world/tissue/section": _textured(cut),
     }

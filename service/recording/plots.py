@@ -49,7 +49,7 @@ class Plot:
 
 
 def _errors(step: Step) -> tuple[float, ...]:
-    """The tip against the target that its command aimed at: the definition behind rmse_mm."""
+    """The tip against the target that its command aimed at: the definition behind rmse_commanded_mm."""
     return 1e3 * math.dist(step.now.tip_m, step.before.target_m), 1e3 * step.record.rcm_error_m
 
 

@@ -2,31 +2,16 @@
 
 from __future__ import annotations
 
-import contextlib
 import importlib.util
-import io
 import os
-import socket
 import subprocess
 import sys
-import tempfile
-import time
 import warnings
 from pathlib import Path
-from typing import IO, TYPE_CHECKING
 
 from simcore.errors import NeedlebenchError
 
-if TYPE_CHECKING:
-    from collections.abc import Iterator
-
-    from rerun.experimental import ViewerClient
-
 LOOPBACK = "127.0.0.1"
-_START_TIMEOUT_S = 60.0
-_LOAD_TIMEOUT_S = 120.0
-_SETTLE_S = 6.0  # until the messages that a new viewer shows over its panels are gone
-_MENU_PX = 37  # height of the window's own bar at the top of a picture
 
 
 class ViewerError(NeedlebenchError):
@@ -78,96 +63,3 @@ def show(path: Path) -> int:
         )
     done = subprocess.run([program(), "--bind", LOOPBACK, "--port", "auto", str(path)], env=environment(), check=False)
     return done.returncode
-
-
-def screenshot(path: Path, picture: Path, *, at_s: float | None, size: tuple[int, int]) -> None:
-    """Render a recording into a PNG without a display, at a simulated time (default: its end).
-
-    size: width and height in pixels of the window; the picture lacks the window's menu bar. Needs a Vulkan driver;
-    one in software will do (Debian: mesa-vulkan-drivers libvulkan1). Raises ViewerError.
-    """
-    check_readable(path)
-    started = time.monotonic()
-    with _headless(size) as (process, port, log):
-        client = _connect(port, process, log)
-        client.open(str(path.resolve()))
-        end_s = _wait_until_loaded(client)
-        client.set_time("t", duration=end_s if at_s is None else min(at_s, end_s), play_state="paused")
-        time.sleep(max(1.0, started + _SETTLE_S - time.monotonic()))
-        problems = [entry.message for entry in client.get_logs() if entry.level == "ERROR"]
-        if problems:
-            raise ViewerError(f"the viewer reports: {'; '.join(problems)}")
-        _save_without_menu(client.take_screenshot(), picture)
-
-
-def _save_without_menu(png: bytes, picture: Path) -> None:
-    from PIL import Image
-
-    with Image.open(io.BytesIO(png)) as image:
-        image.crop((0, _MENU_PX, image.width, image.height)).save(picture, optimize=True)
-
-
-@contextlib.contextmanager
-def _headless(size: tuple[int, int]) -> Iterator[tuple[subprocess.Popen[str], int, IO[str]]]:
-    """A viewer without a window: its process, its port on loopback and what it prints."""
-    port = _free_port()
-    arguments = ["--headless", "--hide-welcome-screen", "--bind", LOOPBACK, "--port", str(port)]
-    arguments += ["--window-size", f"{size[0]}x{size[1]}"]
-    with tempfile.TemporaryFile("w+") as log:
-        process = subprocess.Popen(
-            [program(), *arguments],
-            env=environment(),
-            stdin=subprocess.DEVNULL,
-            stdout=log,
-            stderr=log,
-            text=True,
-        )
-        try:
-            yield process, port, log
-        finally:
-            process.kill()
-            process.wait()
-
-
-def _connect(port: int, process: subprocess.Popen[str], log: IO[str]) -> ViewerClient:
-    from rerun.experimental import ViewerClient
-
-    deadline = time.monotonic() + _START_TIMEOUT_S
-    while process.poll() is None and time.monotonic() < deadline:
-        if not _listens(port):
-            time.sleep(0.1)
-            continue
-        with contextlib.suppress(Exception):  # it listens a little before it answers
-            client = ViewerClient.connect(f"rerun+http://{LOOPBACK}:{port}/proxy")
-            client.get_state()
-            return client
-        time.sleep(0.1)
-    log.seek(0)
-    output = log.read().strip() or "nothing"
-    raise ViewerError(
-        "the viewer did not start. It needs a Vulkan driver; on Debian: "
-        f"apt install mesa-vulkan-drivers libvulkan1. Its output: {output[-1000:]}"
-    )
-
-
-def _wait_until_loaded(client: ViewerClient) -> float:
-    """The end of the recording on the timeline `t`, seconds."""
-    deadline = time.monotonic() + _LOAD_TIMEOUT_S
-    while time.monotonic() < deadline:
-        state = client.get_state()
-        ends = [line.end for recording in state.recordings for line in recording.timelines if line.name == "t"]
-        if not state.loading and ends and ends[0] is not None:
-            return ends[0] * 1e-9
-        time.sleep(0.1)
-    raise ViewerError("the viewer could not load the recording, or it has no timeline `t`")
-
-
-def _listens(port: int) -> bool:
-    with socket.socket() as probe:
-        return probe.connect_ex((LOOPBACK, port)) == 0
-
-
-def _free_port() -> int:
-    with socket.socket() as probe:
-        probe.bind((LOOPBACK, 0))
-        return int(probe.getsockname()[1])

@@ -39,6 +39,7 @@ def examine(settings: Settings) -> list[Check]:
         lambda: _database(settings),
         lambda: _port(settings),
         _viewer,
+        _pictures,
         lambda: _web_viewer(settings),
         _display,
     ]
@@ -124,8 +125,8 @@ def _data(settings: Settings) -> Check:
 
 
 def _lock(settings: Settings) -> Check:
+    from service.files.endpoint import endpoint
     from service.files.lock import LockHeldError, file_lock
-    from service.server.endpoint import endpoint
 
     path = settings.data / "server.lock"
     if not path.exists():
@@ -140,14 +141,19 @@ def _lock(settings: Settings) -> Check:
 
 def _database(settings: Settings) -> Check:
     from service.store.database import revision_of, revisions
+    from service.store.integrity import DamagedDatabaseError, check_whole
     from service.store.schema import REVISION
 
     if not settings.database.exists():
         return Check(name="database", level="ok", found="will be made")
     try:
+        check_whole(settings.database)
         present = revision_of(settings.database)
+    except DamagedDatabaseError as error:
+        found, _, advice = str(error).partition(". ")
+        return Check(name="database", level="bad", found=found, advice=advice)
     except sqlite3.Error as error:
-        advice = "restore a copy from the folder backups beside it"
+        advice = "needlebench restore BACKUP puts one of the folder backups beside it in its place"
         return Check(name="database", level="bad", found=f"{settings.database}: {error}", advice=advice)
     if present is not None and present not in revisions():
         advice = "it was written by another version of needlebench: use that version, or choose another folder"
@@ -163,7 +169,7 @@ def _database(settings: Settings) -> Check:
 def _port(settings: Settings) -> Check:
     import socket
 
-    from service.server.endpoint import endpoint
+    from service.files.endpoint import endpoint
 
     port = DEFAULT_PORT if settings.port is None else settings.port
     try:
@@ -183,6 +189,19 @@ def _viewer() -> Check:
         return Check(name="viewer", level="ok", found=program())
     except ViewerError as error:
         return Check(name="viewer", level="bad", found="missing", advice=str(error))
+
+
+def _pictures() -> Check:
+    """Whether a viewer without a window can draw here, tried for real; recordings need it for nothing else."""
+    from service.recording.screenshot import NEEDS_DRIVER, try_viewer
+    from service.recording.viewer import ViewerError
+
+    try:
+        try_viewer()
+    except ViewerError as error:
+        advice = f"only for view --screenshot. {NEEDS_DRIVER}"
+        return Check(name="pictures", level="warn", found=str(error).partition(". ")[0], advice=advice)
+    return Check(name="pictures", level="ok", found="the viewer draws without a window")
 
 
 def _web_viewer(settings: Settings) -> Check:

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING
 import click
 
 from service.client.client import Client, ServiceError, UnreachableError
-from service.server.endpoint import endpoint
+from service.files.endpoint import endpoint
 from service.server.server import ServiceStartError, listen
 from service.settings import DEFAULT_PORT, Settings
 

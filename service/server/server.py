@@ -15,11 +15,13 @@ from typing import TYPE_CHECKING
 
 from service import logs
 from service.api.context import Service
+from service.files.endpoint import endpoint, make_token
 from service.files.lock import LockHeldError, file_lock
-from service.server.endpoint import endpoint
+from service.files.private import private_files, private_folder
 from service.server.uvicorn_overrides import Server
 from service.settings import DEFAULT_PORT, Settings, url_of
 from service.store.errors import DatabaseError
+from simcore import plugins
 from simcore.errors import NeedlebenchError
 
 if TYPE_CHECKING:
@@ -30,6 +32,8 @@ if TYPE_CHECKING:
     import uvicorn
 
 _PORTS_TRIED = 50
+_OWN_DESCRIPTORS = 300  # of the database, 50 connections with two files each, of workers, files and logs
+_LEAST_CONNECTIONS = 16
 _M_ARENA_MAX = -8  # of glibc's mallopt
 
 
@@ -44,16 +48,19 @@ def serve(settings: Settings, *, announce: Callable[[str], None], until_stdin_cl
     that holds the other end of standard input. Raises ServiceStartError, SettingsError, ForeignDatabaseError.
     """
     settings.check_exposure()
+    plugins.note_installed()
     _share_arenas()
     with contextlib.ExitStack() as stack:
         with _data_folder_errors(settings.data):
-            settings.data.mkdir(parents=True, exist_ok=True)
+            stack.enter_context(private_files())
+            private_folder(settings.data)
             stack.enter_context(file_lock(settings.data / "server.lock"))
         listener = stack.enter_context(contextlib.closing(listen(settings.host, settings.port)))
         with _data_folder_errors(settings.data):
             service = Service.open(settings)
         url = url_of(settings.host, listener.getsockname()[1])
-        server = Server(service, url, announce)
+        service.keys.take_local_token(make_token(settings.data))
+        server = Server(service, url, announce, most_connections=_connections(settings.connections))
         if until_stdin_closes:
             threading.Thread(target=_follow_stdin, args=(server,), daemon=True).start()
         previous = signal.signal(signal.SIGTERM, _exit)  # what uvicorn raises again once all is closed
@@ -63,6 +70,22 @@ def serve(settings: Settings, *, announce: Callable[[str], None], until_stdin_cl
             pass
         finally:
             signal.signal(signal.SIGTERM, previous)
+
+
+def _connections(wanted: int) -> int:
+    """As many connections as wanted, and as descriptors are left when the store, jobs and files have theirs."""
+    if sys.platform == "win32":
+        return wanted
+    import resource
+
+    soft, hard = resource.getrlimit(resource.RLIMIT_NOFILE)
+    needed = wanted + _OWN_DESCRIPTORS
+    if soft != resource.RLIM_INFINITY and soft < needed:
+        raised = needed if hard == resource.RLIM_INFINITY else min(needed, hard)
+        with contextlib.suppress(ValueError, OSError):
+            resource.setrlimit(resource.RLIMIT_NOFILE, (raised, hard))
+        soft = resource.getrlimit(resource.RLIMIT_NOFILE)[0]
+    return wanted if soft == resource.RLIM_INFINITY else max(_LEAST_CONNECTIONS, min(wanted, soft - _OWN_DESCRIPTORS))
 
 
 def _share_arenas() -> None:

@@ -18,7 +18,11 @@ class UnknownCampaignError(NeedlebenchError, LookupError):
 
 
 class CampaignActiveError(NeedlebenchError):
-    """The campaign still runs: it cannot be deleted."""
+    """The campaign, or a job of it that was tried again, still runs: it cannot be deleted."""
+
+
+class CampaignPinnedError(NeedlebenchError):
+    """A job of the campaign is pinned: the campaign cannot be deleted."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -67,6 +71,7 @@ class Campaign:
     created_at: float
     finished_at: float | None
     version: int
+    owner: str | None = None
 
     @property
     def terminal(self) -> bool:

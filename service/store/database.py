@@ -14,6 +14,8 @@ from typing import TYPE_CHECKING, Any
 
 from sqlalchemy import Connection, Engine, create_engine, event
 
+from service.files.private import private_file, private_folder
+from service.store.integrity import check_whole
 from service.store.schema import REVISION
 from simcore.errors import NeedlebenchError
 
@@ -33,11 +35,16 @@ class ForeignDatabaseError(NeedlebenchError):
 
 
 def open_database(path: Path, *, now: Callable[[], float] = time.time) -> Engine:
-    """An engine on the SQLite file at `path`, upgraded to the newest tables. Raises ForeignDatabaseError.
+    """An engine on the SQLite file at `path`, upgraded to the newest tables.
+
+    Raises ForeignDatabaseError, and DamagedDatabaseError for one that is not whole; neither changes anything.
 
     Before an upgrade the file is copied to the folder `backups` beside it. now: UTC seconds since 1970.
     """
-    path.parent.mkdir(parents=True, exist_ok=True)
+    private_folder(path.parent)
+    if path.is_file():
+        check_whole(path)
+    private_file(path)  # SQLite gives its log the same permissions
     engine = create_engine(
         f"sqlite:///{path}",
         json_serializer=partial(json.dumps, allow_nan=False),
@@ -151,7 +158,7 @@ def _upgrade(engine: Engine, path: Path, now: Callable[[], float]) -> None:
         return  # the usual case, without the cost of Alembic
     from alembic import command
 
-    if path.is_file():
+    if path.stat().st_size:
         _check_origin(path, before)
     if before is not None:
         copy = _back_up(path, before, now)

@@ -7,29 +7,39 @@ import json
 from dataclasses import dataclass
 from typing import Annotated, Any
 
-from pydantic import Field
+from pydantic import AfterValidator, Field
 
-from simcore.errors import NeedlebenchError, Problem
+from simcore.errors import NeedlebenchError, Problem, Status
 
-QUEUED, RUNNING, SUCCEEDED = "queued", "running", "succeeded"
+QUEUED, RUNNING, FINISHED = "queued", "running", "finished"
 FAILED, CANCELLED, TIMED_OUT = "failed", "cancelled", "timed_out"
 
 INSERTION, TRAINING = KINDS = ("insertion", "training")  # one simulated insertion; one model learned from a data set
 
+SUCCESS, MISSED = "success", "missed"  # outcomes of a job that finished; else a named status of its run
+OUTCOMES = (SUCCESS, MISSED, *(str(status) for status in Status if status is not Status.COMPLETED))
+
+
+def _printable(text: str) -> str:
+    """Line ends, control characters and marks of direction forge lists, logs and headers."""
+    if not text.isprintable():
+        raise ValueError("must be printable characters, without line ends and marks of direction")
+    return text
+
+
+Label = Annotated[str, Field(min_length=1, max_length=100), AfterValidator(_printable)]  # what people call a thing
 TimeLimit = Annotated[float, Field(strict=True, ge=1, le=86400, allow_inf_nan=False)]  # of a job, s
 TIME_LIMIT = "Most wall time of an attempt; null = an hour, or four times the estimate if that is longer."
 
 LEGAL: dict[str, frozenset[str]] = {
     QUEUED: frozenset({RUNNING, CANCELLED}),
-    RUNNING: frozenset({SUCCEEDED, FAILED, CANCELLED, TIMED_OUT, QUEUED}),
-    SUCCEEDED: frozenset(),
+    RUNNING: frozenset({FINISHED, FAILED, CANCELLED, TIMED_OUT, QUEUED}),
+    FINISHED: frozenset(),
     FAILED: frozenset({QUEUED}),
     CANCELLED: frozenset({QUEUED}),
     TIMED_OUT: frozenset({QUEUED}),
 }
-TERMINAL = frozenset(
-    {SUCCEEDED, FAILED, CANCELLED, TIMED_OUT}
-)  # nothing happens to it unless somebody asks for a retry
+TERMINAL = frozenset({FINISHED, FAILED, CANCELLED, TIMED_OUT})  # nothing happens to it unless somebody asks for a retry
 MAXIMUM_CRASHES = 3  # deaths of its worker that a job is forgiven, less one
 SUSPECT_DEATHS = 3  # of the whole server while a job ran, from which on it waits until nothing else is queued
 MAXIMUM_DEATHS = 10  # of the whole server while a job ran, after which they are laid to the job
@@ -47,6 +57,13 @@ class IllegalTransitionError(NeedlebenchError):
     def __init__(self, job_id: str, state: str, wanted: str) -> None:
         self.job_id, self.state, self.wanted = job_id, state, wanted
         super().__init__(f"job {job_id} is {state}: it cannot become {wanted}")
+
+
+class JobPinnedError(IllegalTransitionError):
+    """The job is pinned: it is kept until somebody unpins it."""
+
+    def __init__(self, job_id: str) -> None:
+        super().__init__(job_id, "pinned", "deleted")
 
 
 class KeyReusedError(NeedlebenchError):
@@ -112,7 +129,10 @@ class Outcome:
 
 @dataclass(frozen=True, kw_only=True)
 class Job:
-    """One row of the job table. Times are UTC seconds since 1970. `spec` and `result` are None in listings."""
+    """One row of the job table. Times are UTC seconds since 1970. `spec` and `result` are None in listings.
+
+    outcome: one of OUTCOMES once it has finished, see `outcome_of`.
+    """
 
     seq: int
     id: str
@@ -140,6 +160,7 @@ class Job:
     version: int
     owner: str | None = None
     kind: str = INSERTION
+    outcome: str | None = None
 
     @property
     def terminal(self) -> bool:
@@ -150,6 +171,17 @@ class Job:
     def folder(self) -> str:
         """Folder of the current attempt, relative to the data folder. An attempt never writes into another's."""
         return f"jobs/{self.id}/{self.attempt}"
+
+
+def outcome_of(kind: str, result: dict[str, Any] | None) -> str | None:
+    """What a job of this kind that left `result` came to; None without a result. A training that left a model is a
+    success; an insertion is one, or missed, where it completed, and has the name of its failure where it did not."""
+    if result is None:
+        return None
+    if kind == TRAINING or (result.get("metrics") or {}).get("success"):
+        return SUCCESS
+    status = str(result.get("status", Status.COMPLETED))
+    return status if status in OUTCOMES else MISSED
 
 
 def content_hash(value: Any) -> str:

@@ -13,14 +13,12 @@ from sqlalchemy import (
     Connection,
     Row,
     Select,
-    and_,
     bindparam,
     exists,
     func,
     insert,
     literal,
     literal_column,
-    or_,
     select,
     update,
 )
@@ -29,10 +27,11 @@ from service.store import schema
 from service.store.campaign import RUNNING as CAMPAIGN_RUNNING
 from service.store.job import (
     CRASHED,
+    FINISHED,
     INSERTION,
+    OUTCOMES,
     QUEUED,
     RUNNING,
-    SUCCEEDED,
     TERMINAL,
     Artefact,
     Event,
@@ -43,6 +42,7 @@ from service.store.job import (
 )
 from service.store.schema import campaign, campaign_case
 from service.store.transactions import Transactions
+from service.store.turns import ahead_of
 
 if TYPE_CHECKING:
     from service.settings import Limits
@@ -57,19 +57,16 @@ EVENT = insert(schema.event)
 ARTEFACT = insert(schema.artefact)
 FILE_FIELDS = [field.name for field in fields(Artefact)]
 ALL_QUEUED = select(func.count()).select_from(JOB).where(JOB.c.state == QUEUED)
-QUEUED_ALONE = ALL_QUEUED.where(~exists().where(campaign_case.c.job_id == JOB.c.id))
-NEXT = (
-    select(JOB.c.seq)
-    # SQLite's hint, with the state in the text: else it sorts all queued jobs each time, as if they were few
-    .where(func.likely(JOB.c.state == literal_column(f"'{QUEUED}'")))
-    .order_by(JOB.c.priority.desc(), JOB.c.seq)
-    .limit(1)
-    .with_for_update(skip_locked=True)
-    .scalar_subquery()
+_IS_QUEUED = func.likely(JOB.c.state == literal_column(f"'{QUEUED}'"))  # in the text, for the index of queued jobs
+HIGHEST = select(JOB.c.priority).where(_IS_QUEUED).order_by(JOB.c.priority.desc()).limit(1)
+LANES = (  # those of a priority, each with its oldest job: read from the index alone
+    select(JOB.c.lane, func.min(JOB.c.seq).label("oldest"), func.count().label("waiting"))
+    .where(_IS_QUEUED, JOB.c.priority == bindparam("of_priority"))
+    .group_by(JOB.c.lane)
 )
 CLAIM = (
     update(JOB)
-    .where(JOB.c.seq == NEXT, JOB.c.state == QUEUED)
+    .where(JOB.c.seq == bindparam("of_seq"), JOB.c.state == QUEUED)
     .values(state=RUNNING, attempt=JOB.c.attempt + 1, progress=None, version=JOB.c.version + 1)
     .values(started_at=bindparam("now"), heartbeat_at=bindparam("now"))
     .returning(*COLUMNS)
@@ -115,11 +112,30 @@ class JobQueries(Transactions):
         with self.reading() as connection:
             return bool(connection.execute(_CANCELLED, {"job_id": job_id}).scalar_one_or_none() in (True, None))
 
-    def newest(self, *, state: str | None = None, limit: int = 50, before: int | None = None) -> list[Job]:
-        """Jobs without spec and result, newest first, those that arrived before sequence number `before`."""
+    def newest(
+        self,
+        *,
+        state: str | None = None,
+        outcome: str | None = None,
+        name: str | None = None,
+        campaign: str | None = None,
+        limit: int = 50,
+        before: int | None = None,
+    ) -> list[Job]:
+        """Jobs without spec and result, newest first, those that arrived before sequence number `before`.
+
+        campaign: id of the one that they belong to.
+        """
         query = select(*LISTED).order_by(JOB.c.seq.desc()).limit(limit)
+        if outcome is not None:
+            query = query.where(JOB.c.outcome == outcome)
         if state is not None:
             query = query.where(JOB.c.state == state)
+        if name is not None:
+            query = query.where(JOB.c.name == name)
+        if campaign is not None:
+            of_it = select(campaign_case.c.job_id).where(campaign_case.c.campaign_id == campaign)
+            query = query.where(JOB.c.id.in_(of_it))
         if before is not None:
             query = query.where(JOB.c.seq < before)
         with self.reading() as connection:
@@ -160,12 +176,23 @@ class JobQueries(Transactions):
             found = {row.state: row.jobs for row in connection.execute(query)}
         return {state: found.get(state, 0) for state in schema.STATES}
 
-    def before(self, job: Job) -> int:
-        """How many queued jobs will begin before this one."""
-        sooner = or_(JOB.c.priority > job.priority, and_(JOB.c.priority == job.priority, JOB.c.seq < job.seq))
+    def outcomes(self) -> dict[str, int]:
+        """How many jobs finished with each outcome, those with none left out; in the order of `OUTCOMES`."""
+        query = select(JOB.c.outcome, func.count().label("jobs")).where(JOB.c.outcome.is_not(None))
         with self.reading() as connection:
-            query = select(func.count()).select_from(JOB).where(JOB.c.state == QUEUED, sooner)
-            return int(connection.execute(query).scalar_one())
+            found = {row.outcome: row.jobs for row in connection.execute(query.group_by(JOB.c.outcome))}
+        return {outcome: found[outcome] for outcome in OUTCOMES if outcome in found}
+
+    def before(self, job: Job) -> int:
+        """How many queued jobs will begin before this one, at most, if no more are queued."""
+        higher = ALL_QUEUED.where(JOB.c.priority > job.priority)
+        with self.reading() as connection:
+            lane = connection.execute(select(JOB.c.lane).where(JOB.c.id == job.id)).scalar_one_or_none() or ""
+            first = ALL_QUEUED.where(JOB.c.priority == job.priority, JOB.c.lane == lane, JOB.c.seq < job.seq)
+            waiting = {row.lane: row.waiting for row in connection.execute(LANES, {"of_priority": job.priority})}
+            earlier = int(connection.execute(first).scalar_one())
+            ahead = ahead_of(lane, earlier, waiting) if lane in waiting else 0
+            return ahead + int(connection.execute(higher).scalar_one())
 
     def oldest_queued_at(self) -> float | None:
         """When the job that has waited longest was submitted; None when nothing waits."""
@@ -178,11 +205,11 @@ class JobQueries(Transactions):
             return set(connection.execute(select(JOB.c.id)).scalars())
 
     def step_s(self) -> float | None:
-        """Time of a step by the last jobs that succeeded: median of their wall times; None before the first."""
+        """Time of a step by the last jobs that finished: median of their wall times; None before the first."""
         wall = (JOB.c.finished_at - JOB.c.started_at) / JOB.c.steps
         query = (
             select(wall)
-            .where(JOB.c.state == SUCCEEDED, JOB.c.steps > 0, JOB.c.kind == INSERTION)
+            .where(JOB.c.state == FINISHED, JOB.c.steps > 0, JOB.c.kind == INSERTION)
             .order_by(JOB.c.seq.desc())
             .limit(50)
         )
@@ -225,16 +252,16 @@ def to_job(row: Row[Any]) -> Job:
     return Job(**{**columns, "timeout_s": float(columns["timeout_s"])})  # SQLite returns 3.0 as 3
 
 
-def check_room(connection: Connection, owner: str | None, limits: Limits) -> None:
-    """Whether the queue takes one more job of this API key. Raises QueueFullError."""
-    if connection.execute(ALL_QUEUED).scalar_one() >= limits.queue:  # else there is no need to look closer
-        queued = connection.execute(QUEUED_ALONE).scalar_one()  # a campaign is one request, however large
-        if queued >= limits.queue:
-            raise QueueFullError(f"{queued} jobs are queued, at most {limits.queue} are taken")
+def check_room(connection: Connection, owner: str | None, limits: Limits, *, more: int = 1) -> None:
+    """Whether the queue takes so many more jobs of this API key, those of campaigns included. Raises QueueFullError."""
+    wanted = "" if more == 1 else f", and {more} more are wanted"
+    queued = connection.execute(ALL_QUEUED).scalar_one()
+    if queued + more > limits.queue:
+        raise QueueFullError(f"{queued} jobs are queued{wanted}, at most {limits.queue} are taken")
     if owner is not None:
-        queued = connection.execute(QUEUED_ALONE.where(JOB.c.owner == owner)).scalar_one()
-        if queued >= (most := limits.queue_per_key):
-            raise QueueFullError(f"{queued} jobs of this key are queued, at most {most} of one key are taken")
+        queued = connection.execute(ALL_QUEUED.where(JOB.c.owner == owner)).scalar_one()
+        if queued + more > (most := limits.queue_per_key):
+            raise QueueFullError(f"{queued} jobs of this key are queued{wanted}, at most {most} of one key are taken")
 
 
 def find_original(connection: Connection, key: str | None, request_hash: str) -> Job | None:

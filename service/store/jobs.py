@@ -10,7 +10,6 @@ from sqlalchemy import Engine, delete, insert, update
 
 from service.settings import Limits
 from service.store import schema
-from service.store.database import sync
 from service.store.job import (
     CANCELLED,
     CRASHED,
@@ -26,6 +25,7 @@ from service.store.job import (
     IllegalTransitionError,
     InputGoneError,
     Job,
+    JobPinnedError,
     Outcome,
 )
 from service.store.job_queries import (
@@ -40,7 +40,8 @@ from service.store.job_queries import (
     read,
     to_job,
 )
-from service.store.transitions import Transitions, attempt_key, error_data
+from service.store.transitions import Transitions, attempt_key, end_data
+from service.store.turns import lane_of
 from service.store.upload_references import check_uploads, missing
 
 if TYPE_CHECKING:
@@ -59,6 +60,11 @@ class Store(Transitions):
     ) -> None:
         super().__init__(engine, now=now)
         self._limits = limits or Limits()
+
+    @property
+    def limits(self) -> Limits:
+        """What is refused."""
+        return self._limits
 
     # -- submitting
 
@@ -105,6 +111,7 @@ class Store(Transitions):
                 "version": 1,
                 "owner": owner,
                 "kind": kind,
+                "lane": lane_of(owner),
             }
             job = to_job(connection.execute(NEW, new).one())
             for upload_id in uploads:
@@ -120,7 +127,8 @@ class Store(Transitions):
     # -- the life of a job
 
     def claim(self) -> Job | None:
-        """Take the next queued job, highest priority first, then oldest; None when there is none.
+        """Take the next queued job, highest priority first, then by turns over keys and campaigns, then the oldest;
+        None when there is none.
 
         A power cut may put it back into the queue, as if nobody had taken it.
         """
@@ -148,7 +156,7 @@ class Store(Transitions):
         """End the running attempt `job`. Raises IllegalTransitionError when it is not the current one."""
         with self._write() as connection:
             done = self._end(connection, job, outcome)
-            self._log(connection, done, outcome.state, error_data(outcome))
+            self._log(connection, done, outcome.state, end_data(done))
         self.notify(job.id)
         return done
 
@@ -161,7 +169,7 @@ class Store(Transitions):
         with self._write(lazy=True) as connection:
             done = self._end(connection, job, outcome)
             taken = self._take(connection)
-            rows = [self._entry(done, outcome.state, error_data(outcome))]
+            rows = [self._entry(done, outcome.state, end_data(done))]
             if taken is not None:
                 rows.append(self._entry(taken, "started"))
             connection.execute(EVENT, rows)
@@ -170,7 +178,7 @@ class Store(Transitions):
     def publish(self, *job_ids: str) -> None:
         """Bring what was committed to the disk and tell who waits for these jobs. Raises OSError."""
         try:
-            sync(self._engine)
+            self._sync()
         finally:
             self.notify(*job_ids)
 
@@ -220,7 +228,7 @@ class Store(Transitions):
         The attempts go on counting; what the last one left is no longer listed. Raises InputGoneError, too.
         """
         fresh: dict[str, Any] = dict.fromkeys(
-            ("progress", "metrics", "result", "error_kind", "error", "cpu_s", "max_rss_mb", "heartbeat_at")
+            ("progress", "outcome", "metrics", "result", "error_kind", "error", "cpu_s", "max_rss_mb", "heartbeat_at")
         )
         fresh |= {"crashes": 0, "cancel_requested": False, "started_at": None, "finished_at": None}
         with self._write() as connection:
@@ -273,8 +281,10 @@ class Store(Transitions):
         """
         with self._write() as connection:
             job = read(connection, job_id, BRIEF)
-            if not job.terminal or job.pinned:
-                raise IllegalTransitionError(job_id, "pinned" if job.pinned else job.state, "deleted")
+            if not job.terminal:
+                raise IllegalTransitionError(job_id, job.state, "deleted")
+            if job.pinned:
+                raise JobPinnedError(job_id)
             connection.execute(delete(JOB).where(JOB.c.id == job_id))
             self._log(connection, job, "deleted")
         self.notify(job_id)

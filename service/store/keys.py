@@ -20,6 +20,7 @@ if TYPE_CHECKING:
     from service.store.jobs import Store
 
 ENVIRONMENT = "environment"  # the id of the key in NEEDLEBENCH_API_KEY
+LOCAL = "local"  # of the token in the data folder, which counts as long as there are no keys
 SESSION_S = 12 * 3600.0
 NOTE_LENGTH = 200
 _USE_NOTED_S = 60.0
@@ -52,8 +53,13 @@ class Keys:
         self._store = store
         self._environment_sha256 = None if environment_key is None else digest_of(environment_key)
         self._always = always or environment_key is not None
+        self._local_sha256: str | None = None
         self._any = True
         self._asked_at = -_ASKED_AGAIN_S
+
+    def take_local_token(self, token: str) -> None:
+        """What the account of the service says where no key is required and the system does not say who is asking."""
+        self._local_sha256 = digest_of(token)
 
     # -- keys
 
@@ -94,11 +100,12 @@ class Keys:
         return self.get(key_id)
 
     def wanted(self) -> bool:
-        """Whether requests must bring a key. Asks the database at most once a second."""
+        """Whether requests must bring a key: since the first one was made, and for good: a service does not open
+        because its last key is revoked. Asks the database at most once a second."""
         lately = self.wanted_lately
         if lately is not None:
             return lately
-        query = select(api_key.c.id).where(api_key.c.revoked_at.is_(None)).limit(1)
+        query = select(api_key.c.id).limit(1)
         with self._store.reading() as connection:
             self._any = connection.execute(query).one_or_none() is not None
         self._asked_at = time.monotonic()
@@ -116,18 +123,24 @@ class Keys:
     def caller(self, key: str) -> Caller | None:
         """Whoever has this key; None for an unknown or revoked one."""
         found = self._checked(key)
-        return None if found is None else Caller(key_id=found[0], scope=found[1])
+        return None if found is None else _caller(found[0], found[1])
 
     def _checked(self, key: str) -> tuple[str, str, str] | None:
         """Id, scope and digest of a key that is good."""
         digest = digest_of(key)
         if self._environment_sha256 is not None and hmac.compare_digest(digest, self._environment_sha256):
             return ENVIRONMENT, ADMIN, digest
+        if self._is_local(digest):
+            return LOCAL, ADMIN, digest
         row = self._row(id_of(key))
         if row is None or not hmac.compare_digest(digest, row.secret_sha256):
             return None
         self._note_use(row)
         return row.id, row.scope, digest
+
+    def _is_local(self, digest: str) -> bool:
+        known = self._local_sha256
+        return known is not None and hmac.compare_digest(digest, known) and not self.wanted()
 
     def _row(self, key_id: str | None) -> Row[Any] | None:
         if key_id is None:
@@ -177,5 +190,12 @@ class Keys:
         if found.key_id == ENVIRONMENT:
             same = hmac.compare_digest(found.secret_sha256, self._environment_sha256 or "")
             return Caller(key_id=ENVIRONMENT, scope=ADMIN, by_cookie=True) if same else None
+        if found.key_id == LOCAL:
+            return _caller(LOCAL, ADMIN, by_cookie=True) if self._is_local(found.secret_sha256) else None
         row = self._row(found.key_id)
         return None if row is None else Caller(key_id=row.id, scope=row.scope, by_cookie=True)
+
+
+def _caller(key_id: str, scope: str, *, by_cookie: bool = False) -> Caller:
+    """Whoever has the key of this id; the token of the data folder is no key, and what it makes has no owner."""
+    return Caller(key_id=None if key_id == LOCAL else key_id, scope=scope, by_cookie=by_cookie)

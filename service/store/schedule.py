@@ -51,6 +51,7 @@ class Schedule:
     next_run_at: float | None
     created_at: float
     version: int
+    owner: str | None = None
 
 
 @dataclass(frozen=True, kw_only=True)

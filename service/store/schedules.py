@@ -12,6 +12,7 @@ from sqlalchemy import Connection, Row, delete, insert, select, update
 from sqlalchemy.exc import IntegrityError
 
 from service.store.campaign import RUNNING, CampaignPlan
+from service.store.job import QueueFullError
 from service.store.schedule import (
     FAILED,
     MISSED,
@@ -169,7 +170,12 @@ class ScheduleStore:
                 if one.overlap == "replace":
                     for old in running:
                         self._campaigns.cancel_within(connection, old)
-                campaign_id = self._campaigns.create_within(connection, made, schedule_id=one.id, scheduled_for=tick).id
+                try:
+                    campaign_id = self._campaigns.create_within(
+                        connection, made, owner=one.owner, schedule_id=one.id, scheduled_for=tick
+                    ).id
+                except QueueFullError as full:  # nothing of it was written
+                    outcome, message = FAILED, str(full)
         values = {"schedule_id": one.id, "scheduled_for": tick, "fired_at": self._store.now, "outcome": outcome}
         row = connection.execute(
             insert(_run).values(**values, campaign_id=campaign_id, message=message).returning(*_RUN_COLUMNS)

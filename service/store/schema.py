@@ -24,8 +24,8 @@ from sqlalchemy import (
     text,
 )
 
-REVISION = "all_tables"  # of the newest migration
-STATES = ("queued", "running", "succeeded", "failed", "cancelled", "timed_out")
+REVISION = "owners_and_lanes"  # of the newest migration
+STATES = ("queued", "running", "finished", "failed", "cancelled", "timed_out")
 
 metadata = MetaData(
     naming_convention={
@@ -49,6 +49,7 @@ job = Table(
     Column("spec_hash", String(64), nullable=False),
     Column("steps", Integer, nullable=False),  # of the whole run, known before it starts
     Column("state", String(16), nullable=False),
+    Column("outcome", String(32)),  # of a job that finished: `job.OUTCOMES`
     Column("priority", Integer, nullable=False),
     Column("timeout_s", Float, nullable=False),
     Column("attempt", Integer, nullable=False),  # counts the claims; with the id it names the owner of a running job
@@ -69,17 +70,21 @@ job = Table(
     Column("version", Integer, nullable=False),  # goes up with every change: the ETag
     Column("owner", String(32)),  # the API key that submitted it; null where none was asked for
     Column("kind", String(16), nullable=False, server_default="insertion"),  # what its worker does: `jobs.KINDS`
-    CheckConstraint("state IN ('queued', 'running', 'succeeded', 'failed', 'cancelled', 'timed_out')", name="state"),
+    Column("lane", String(70), nullable=False, server_default="/"),  # owner/campaign: those of a priority take turns
+    CheckConstraint("state IN ('queued', 'running', 'finished', 'failed', 'cancelled', 'timed_out')", name="state"),
     sqlite_autoincrement=True,
 )
 Index(
     "ix_job_queued",
     job.c.priority.desc(),
+    job.c.lane,
     job.c.seq,
+    job.c.state,  # so that the index alone is read
     sqlite_where=text("state = 'queued'"),
     postgresql_where=text("state = 'queued'"),
 )
 Index("ix_job_state_seq", job.c.state, job.c.seq)
+Index("ix_job_outcome_seq", job.c.outcome, job.c.seq)
 
 artefact = Table(
     "artefact",
@@ -139,6 +144,7 @@ campaign = Table(
     Column("finished_at", Float),
     Column("point", JSON(none_as_null=True)),  # of its suite's trend, once it has ended
     Column("version", Integer, nullable=False),
+    Column("owner", String(32)),  # the API key that asked for it, or for its schedule
     CheckConstraint("state IN ('running', 'done', 'cancelled')", name="state"),
     sqlite_autoincrement=True,
 )
@@ -172,6 +178,7 @@ schedule = Table(
     Column("next_run_at", Float),
     Column("created_at", Float, nullable=False),
     Column("version", Integer, nullable=False),
+    Column("owner", String(32)),  # the API key that made it
     CheckConstraint("catchup IN ('skip', 'latest', 'all')", name="catchup"),
     CheckConstraint("overlap IN ('forbid', 'allow', 'replace')", name="overlap"),
     sqlite_autoincrement=True,

@@ -5,7 +5,11 @@ from __future__ import annotations
 import threading
 import time
 from contextlib import AbstractContextManager, contextmanager
+from pathlib import Path
 from typing import TYPE_CHECKING
+
+from service.store.database import sync
+from service.store.integrity import Mark
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Iterator
@@ -24,6 +28,7 @@ class Transactions:
         self._writer = engine.execution_options(write=True)
         self._lazy_writer = engine.execution_options(write="lazy")
         self._turn = threading.Lock()  # writers of this process queue up here and not in SQLite's busy loop
+        self._mark = Mark(Path(str(engine.url.database)))
         self._now = now
         self._listeners: tuple[Callable[[str], None], ...] = ()
         self._changed: list[str] = []  # within the transaction of whoever has the turn
@@ -67,9 +72,21 @@ class Transactions:
             self._changed = []
             with (self._lazy_writer if lazy else self._writer).begin() as connection:
                 yield connection
+                count = self._mark.count(connection)
+            self._mark.committed = count
+            if not lazy:
+                self._mark.keep(count)
             changed = self._changed
         self.notify(*changed)
+
+    def _sync(self) -> None:
+        """Bring to the disk what was committed so far. Raises OSError."""
+        count = self._mark.committed
+        sync(self._engine)
+        if count:
+            self._mark.keep(count)
 
     def close(self) -> None:
         """Give the connections back."""
         self._engine.dispose()
+        self._mark.close()

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
-from service.store.job import LEGAL, IllegalTransitionError, Job, Outcome
+from service.store.job import LEGAL, IllegalTransitionError, Job, Outcome, outcome_of
 from service.store.job_queries import (
     ARTEFACT,
     BRIEF,
@@ -13,26 +13,42 @@ from service.store.job_queries import (
     END,
     EVENT,
     FILE_FIELDS,
+    HIGHEST,
+    LANES,
     MOVE,
     JobQueries,
     read,
     to_job,
 )
+from service.store.turns import Turns
 
 if TYPE_CHECKING:
-    from sqlalchemy import Connection
+    from collections.abc import Callable
+
+    from sqlalchemy import Connection, Engine
 
 
 class Transitions(JobQueries):
     """What changes the state of a job and logs it; `service.store.jobs` says when."""
 
+    def __init__(self, engine: Engine, *, now: Callable[[], float]) -> None:
+        super().__init__(engine, now=now)
+        self._turns = Turns()
+
     def _take(self, connection: Connection) -> Job | None:
-        row = connection.execute(CLAIM, {"now": self._now()}).one_or_none()
-        return None if row is None else to_job(row)
+        priority = connection.execute(HIGHEST).scalar_one_or_none()
+        if priority is None:
+            return None
+        oldest = {row.lane: row.oldest for row in connection.execute(LANES, {"of_priority": priority})}
+        lane = self._turns.choose(oldest)
+        row = connection.execute(CLAIM, {"now": self._now(), "of_seq": oldest[lane]}).one()
+        self._turns.serve(lane)
+        return to_job(row)
 
     def _end(self, connection: Connection, job: Job, outcome: Outcome) -> Job:
         values: dict[str, Any] = {
             "state": outcome.state,
+            "outcome": outcome_of(job.kind, outcome.result),
             "result": outcome.result,
             "metrics": None if outcome.result is None else outcome.result.get("metrics"),
             "error_kind": outcome.error_kind,
@@ -68,9 +84,11 @@ class Transitions(JobQueries):
         return {"job_id": job.id, "at": self._now(), "kind": kind, "attempt": job.attempt, "data": data}
 
 
-def error_data(outcome: Outcome) -> dict[str, Any] | None:
-    """What the log says about a failure; None for another end."""
-    return {"error_kind": outcome.error_kind, "error": outcome.error} if outcome.error_kind else None
+def end_data(done: Job) -> dict[str, Any] | None:
+    """What the log says about an end: the error of a failure, the outcome of a job that finished."""
+    if done.error_kind:
+        return {"error_kind": done.error_kind, "error": done.error}
+    return {"outcome": done.outcome} if done.outcome else None
 
 
 def attempt_key(job: Job) -> dict[str, Any]:

@@ -7,11 +7,11 @@ from typing import Annotated, Any
 from fastapi import APIRouter, Query, Request, Response
 
 from benchmarks.paper.suites import suite_names
-from benchmarks.paper.table import arms, main_rows, rows
+from benchmarks.paper.table import BESIDE, arms, main_rows, rows
 from service.api.context import Service, ServiceOf
 from service.api.parameters import CampaignId, Cursor
 from service.api.schemas.campaigns import CampaignState, CampaignView, ComparisonView
-from service.campaigns.cases import CaseResult, Column, scores, sorted_cases
+from service.campaigns.cases import FIELDS, CaseResult, Column, scores, sorted_cases
 from service.campaigns.comparison import compare_campaigns, compare_controllers, controllers_of
 from service.campaigns.overview import campaign_page, overview
 from service.campaigns.results import outcomes
@@ -76,6 +76,7 @@ def get_campaign(
         "campaign.html",
         campaign=CampaignView.of(overview(service.campaigns, campaign, now=service.store.now)),
         scores=scores(table),
+        columns_beside=[(name, BESIDE[field]) for name, field in FIELDS.items() if field in BESIDE],
         cases=[(row, _grid_values(row, campaign.request)) for row in shown],
         first=first,
         size=CASES,

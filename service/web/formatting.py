@@ -11,7 +11,9 @@ ABSENT = "–"
 STATES = {
     "queued": "waiting",
     "running": "running",
-    "succeeded": "succeeded",
+    "finished": "finished",
+    "success": "success",
+    "missed": "missed its target",
     "failed": "failed",
     "cancelled": "cancelled",
     "timed_out": "timed out",
@@ -20,7 +22,7 @@ STATES = {
 
 
 def state(name: str | None) -> str:
-    """A state in words."""
+    """A state or an outcome in words."""
     return STATES.get(name or "", (name or "deleted").replace("_", " "))
 
 

@@ -12,17 +12,17 @@ from service.admission.cost import LEAST_LIMIT_S, TYPICAL_STEP_S
 from service.api.context import Service, ServiceOf
 from service.api.parameters import Cursor, JobId
 from service.api.schemas.campaigns import CampaignView
-from service.api.schemas.jobs import ArtefactView, EventView, JobRequest, JobSummary, JobView, State
+from service.api.schemas.jobs import ArtefactView, EventView, JobRequest, JobSummary, JobView, Outcome, State
 from service.campaigns.overview import overviews
 from service.display import flat
 from service.store.campaign import RUNNING as CAMPAIGN_RUNNING
-from service.store.job import QUEUED, SUCCEEDED, TERMINAL, Job, UnknownJobError
+from service.store.job import FINISHED, QUEUED, TERMINAL, Job, UnknownJobError
 from service.store.models import UnknownModelError
 from service.store.paging import read_page
 from service.web.form import scenario_form
 from service.web.site import missing, page
+from simcore.scenario.point_rules import without_derived
 from simcore.scenario.presets import preset, preset_names
-from simcore.scenario.rules import without_derived
 
 router = APIRouter(include_in_schema=False)
 
@@ -36,12 +36,13 @@ def get_jobs(
     request: Request,
     service: ServiceOf,
     state: State | None = None,
+    outcome: Outcome | None = None,
     cursor: Cursor = None,
 ) -> Response:
     """Jobs, newest first, and the campaigns that run."""
 
     def newest(most: int, before: int | None) -> list[Job]:
-        return service.store.newest(state=state, limit=most, before=before)
+        return service.store.newest(state=state, outcome=outcome, limit=most, before=before)
 
     listed = read_page(newest, size=ROWS, cursor=cursor)
     return page(
@@ -52,9 +53,11 @@ def get_jobs(
         older_than=listed.next_cursor,
         cursor=cursor,
         wanted=state,
+        wanted_outcome=outcome,
         counts=service.store.counts(),
+        outcomes=service.store.outcomes(),
         campaigns=_running_campaigns(service),
-        retriable=TERMINAL - {SUCCEEDED},
+        retriable=TERMINAL - {FINISHED},
     )
 
 
@@ -146,7 +149,7 @@ def get_job(job_id: JobId, request: Request, service: ServiceOf) -> Response:
         "job.html",
         job=view,
         terminal=job.terminal,
-        retriable=job.state in TERMINAL - {SUCCEEDED},
+        retriable=job.state in TERMINAL - {FINISHED},
         campaign=service.campaigns.of_jobs([job.id]).get(job.id),
         waiting_reason=_waiting_reason(service, job) if job.state == QUEUED else "",
         course=service.engine.trace(job),
@@ -179,6 +182,6 @@ def _drawable(job: Job, view: JobView, files: set[str]) -> dict[str, bool]:
     recorded = (view.scenario or {}).get("recording", {}).get("enabled", False)
     return {
         "recorded": recorded and ("recording.rrd" in files or not job.terminal),
-        "plotted": "series.npz" in files and job.state == SUCCEEDED,
+        "plotted": "series.npz" in files and job.state == FINISHED,
         "plot_at_once": job.steps <= _PLOTTED,
     }

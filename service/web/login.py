@@ -15,6 +15,7 @@ from starlette.responses import HTMLResponse, RedirectResponse, Response
 
 from service.access import SESSION_COOKIE
 from service.api.context import ServiceOf
+from service.api.middleware.key_guard import PEER
 from service.store.keys import SESSION_S
 from service.version import installed_version
 
@@ -31,9 +32,13 @@ def templates() -> Environment:
 
 
 @router.get("/login")
-async def get_login(service: ServiceOf, goal: Annotated[str, Query(alias="next", max_length=8000)] = "/") -> Response:
-    """The form; straight to the goal where no key is required."""
-    if not await run_in_threadpool(service.keys.wanted):
+async def get_login(
+    request: Request, service: ServiceOf, goal: Annotated[str, Query(alias="next", max_length=8000)] = "/"
+) -> Response:
+    """The form; straight to the goal where no key is required and it is known who asks."""
+    peer = request.scope.get(PEER)
+    known = peer is None or await run_in_threadpool(peer) is not None
+    if known and not await run_in_threadpool(service.keys.wanted):
         return RedirectResponse(inside(goal), status_code=303)
     return _form(goal)
 

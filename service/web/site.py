@@ -10,6 +10,7 @@ from fastapi import Request
 from jinja2 import Environment, FileSystemLoader, StrictUndefined
 from starlette.responses import HTMLResponse
 
+from benchmarks.paper.table import BESIDE
 from service.access import SESSION_COOKIE
 from service.display import shown, size_text
 from service.version import installed_version
@@ -48,7 +49,7 @@ def environment() -> Environment:
         size=size_text,
         sentence=formatting.sentence,
     )
-    templates.globals.update(asset=assets.url, version=installed_version(), ABSENT=formatting.ABSENT)
+    templates.globals.update(asset=assets.url, version=installed_version(), ABSENT=formatting.ABSENT, BESIDE=BESIDE)
     return templates
 
 

@@ -21,6 +21,8 @@ from service.files.disk import REFUSALS
 from service.files.strict_json import NotJsonError, plain_json
 from service.logs import LOG, ROOT, job_log
 from service.worker.failures import described_with_place, storable
+from service.worker.guard import captured_descriptors
+from service.worker.leftovers import Belongings, end_leftovers
 from service.worker.progress import ProgressFile
 from service.worker.specs import AttemptReport, InsertionSpec
 from service.worker.training_job import MODEL
@@ -116,11 +118,12 @@ def execute(runner: str, spec: dict[str, Any], folder: str) -> AttemptReport:
     result: Any = None
     failure: Failure = (None, None)
     files: list[dict[str, Any]] = []
+    left: tuple[str, ...] = ()
     with stoppable():
         try:
             target.mkdir(parents=True, exist_ok=True)
             with job_log(target / LOG):
-                result, failure = _run(runner, spec, target)
+                result, failure, left = _run_and_clear(runner, spec, target)
             files = describe(target)
         except OSError as error:  # not even the folder or its log
             failure = ("disk", _describe_failure(spec, error))
@@ -133,7 +136,27 @@ def execute(runner: str, spec: dict[str, Any], folder: str) -> AttemptReport:
         artefacts=tuple(files),
         cpu_s=time.process_time() - started_s,
         max_rss_mb=peak_rss_mb(),
+        leftovers=left,
     )
+
+
+def _run_and_clear(runner: str, spec: dict[str, Any], target: Path) -> tuple[Any, Failure, tuple[str, ...]]:
+    """The result or the error in its place, and what the job left in this process."""
+    with captured_descriptors(target / LOG) as capture:
+        before = Belongings.now()
+        result, failure = _run(runner, spec, target)
+        left = end_leftovers(before, strict=_has_plugin(spec))
+    if not capture.whole:
+        left = (*left, "an open output")
+    if left:
+        _log.warning("job %s left %s: its process is not used again", spec.get("job_id"), ", ".join(left))
+    return result, failure, left
+
+
+def _has_plugin(spec: dict[str, Any]) -> bool:
+    """Whether code of another package takes part."""
+    controller = (spec.get("scenario") or {}).get("controller")
+    return isinstance(controller, dict) and controller.get("kind") == "plugin"
 
 
 def _run(runner: str, spec: dict[str, Any], target: Path) -> tuple[Any, Failure]:

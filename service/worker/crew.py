@@ -188,6 +188,8 @@ class _WorkerSlot:
             tried_enough = task.attempts >= task.allowed
             return task, crashed(task.case, f"{death}, attempt {task.attempts}") if tried_enough else None
         self.task = None
+        if report.leftovers:
+            self.worker.kill()  # `ready` starts another one
         if report.error is not None:
             return task, crashed(task.case, report.error)
         cost = {"cpu_s": report.cpu_s, "max_rss_mb": report.max_rss_mb, "attempts": task.attempts}

@@ -20,12 +20,16 @@ def described(failure: BaseException) -> str:
         message = storable(str(failure))
     except BaseException:  # noqa: BLE001  (an exception of somebody else's: its text is their code)
         message = "its message cannot be shown"
-    return f"{kind}: {message}" if message else kind
+    where = "".join(f" ({storable(note)})" for note in getattr(failure, "__notes__", []) if isinstance(note, str))
+    return f"{kind}: {message}{where}" if message else f"{kind}{where}"
 
 
 def described_with_place(failure: BaseException) -> str:
-    """The same with file and line of the code that raised it."""
-    trace = failure.__traceback__
+    """The same with file and line of the code that raised it, or that raised what it was raised from."""
+    origin = failure
+    while origin.__cause__ is not None:
+        origin = origin.__cause__
+    trace = origin.__traceback__
     if trace is None:
         return described(failure)
     while trace.tb_next is not None:

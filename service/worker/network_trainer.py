@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import importlib.util
 import warnings
 
 import numpy as np
@@ -20,17 +21,21 @@ class MissingScikitLearnError(NeedlebenchError):
     """scikit-learn is not installed."""
 
 
+def require_scikit_learn() -> None:
+    """Raises MissingScikitLearnError, without importing it."""
+    if importlib.util.find_spec("sklearn") is None:
+        raise MissingScikitLearnError("training the mlp needs scikit-learn: pip install 'needlebench[baselines]'")
+
+
 def train_network(features: Vector, outputs: Vector, hidden: tuple[int, ...], seed: int) -> list[tuple[Vector, Vector]]:
     """Weights (from, to) and biases (to,) of each layer, by Adam on the squared error of standardised data.
 
     features: (rows, from); outputs: (rows, to). Raises MissingScikitLearnError.
     """
-    try:
-        from sklearn.exceptions import ConvergenceWarning
-        from sklearn.neural_network import MLPRegressor
-    except ModuleNotFoundError:
-        message = "training the mlp needs scikit-learn: pip install 'needlebench[baselines]'"
-        raise MissingScikitLearnError(message) from None
+    require_scikit_learn()
+    from sklearn.exceptions import ConvergenceWarning
+    from sklearn.neural_network import MLPRegressor
+
     network = MLPRegressor(
         hidden_layer_sizes=hidden,
         activation="tanh",

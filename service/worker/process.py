@@ -13,8 +13,9 @@ import os
 import signal
 import sys
 import threading
-from concurrent.futures import Future, wait
+from concurrent.futures import CancelledError, Future
 from concurrent.futures.process import BrokenProcessPool
+from contextlib import suppress
 from multiprocessing.connection import wait as wait_for_end
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -25,13 +26,18 @@ from service.blas_threads import one_thread
 from service.files.lock import file_lock
 from service.worker.attempt import execute, resolve
 from service.worker.failures import described
-from service.worker.pebble_overrides import single_worker_pool
+from service.worker.guard import guard_pid, lead_group
+from service.worker.memory import group_mb
+from service.worker.pebble_overrides import living_workers, single_worker_pool
+from service.worker.processes import Process, descendants, end_process, session_members
 from simcore.errors import NeedlebenchError
 
 if TYPE_CHECKING:
     from service.worker.specs import AttemptReport, InsertionSpec, TrainingSpec
 
 _PR_SET_PDEATHSIG = 1
+_SCAN_EVERY = 3  # looks at the memory: a scan of the process table costs ten times as much as the rest of a look
+_ANSWER_S = 1.0  # that the pool takes from the end of a process to the answer about it, at most
 
 
 class WorkerDiedError(NeedlebenchError):
@@ -51,7 +57,11 @@ class WorkerProcess:
         self._runner, self._warm_lock = runner, warm_lock
         self._pool: pebble.ProcessPool | None = None
         self._pending: Future[Any] | None = None
+        self._group: set[Process] = set()  # seen while it ran, wherever they went since
         self.pid: int | None = None
+        self._guard_pid: int | None = None
+        self._started: list[Process] = []  # by the attempt, at the last scan
+        self._looks = 0
         self.starts = 0
 
     def start(self) -> None:
@@ -77,8 +87,8 @@ class WorkerProcess:
         if self.pid is None:
             if self._pending is None or not self.wait(timeout_s):
                 return False
-            self.pid = self._take_answer()
-        if not self.alive:
+            self.pid, self._guard_pid = self._take_answer()
+        if not self.alive or self._replaced:
             raise WorkerDiedError("the worker process died while it had nothing to do")
         return True
 
@@ -94,16 +104,37 @@ class WorkerProcess:
 
     def send(self, runner: str, spec: InsertionSpec | TrainingSpec, folder: Path) -> None:
         """Begin an attempt: `runner` in `folder`. Raises WorkerDiedError."""
+        self._started, self._looks = [], 0
         self._pending = self.call(execute, runner, spec.to_json(), str(folder))
 
     def wait(self, timeout_s: float) -> bool:
         """Whether what it is at has ended, after waiting at most so long. Raises WorkerDiedError when it never will."""
         assert self._pending is not None, "nothing was sent"
-        if wait([self._pending], timeout=timeout_s).done:
+        if _done(self._pending, timeout_s):
             return True
-        if not self.alive:
-            raise WorkerDiedError("its worker process died")
+        if not self.alive or self._replaced:
+            if _done(self._pending, _ANSWER_S):
+                return True
+            raise WorkerDiedError("its worker process ended (exit code 0)" if self.alive else "its worker process died")
         return False
+
+    @property
+    def _replaced(self) -> bool:
+        """Whether the pool has another process by now than the one that was warm."""
+        return self._pool is not None and self.pid is not None and self.pid not in living_workers(self._pool)
+
+    def held_mb(self) -> float | None:
+        """Memory of the worker and of all that its attempt has started, MB (10^6 bytes); None where nobody says.
+
+        What it has started is looked up at every third call, and counted as of then.
+        """
+        if self.pid is None:
+            return None
+        if self._looks % _SCAN_EVERY == 0:
+            self._started = descendants(self.pid)
+            self._group.update(self._started)
+        self._looks += 1
+        return group_mb(self.pid, (one.pid for one in self._started if one.pid != self._guard_pid))
 
     def collect(self) -> AttemptReport:
         """What an attempt that has ended left. Raises WorkerDiedError, with the signal or exit code."""
@@ -111,16 +142,34 @@ class WorkerProcess:
         return report
 
     def kill(self) -> None:
-        """End the process, and what it is at: SIGTERM, and SIGKILL after 0.2 s. On return it is gone."""
-        pool, self._pool, self._pending, self.pid = self._pool, None, None, None
-        if pool is not None:
-            pool.stop()  # type: ignore[no-untyped-call]
-            pool.join()
+        """End the process, and what it is at: SIGTERM, and SIGKILL after 0.2 s; then whatever it had started.
+
+        On return they are gone.
+        """
+        pool, self._pool, self._pending = self._pool, None, None
+        pid, self.pid = self.pid, None
+        group, self._group = self._group, set()
+        if pool is None:
+            return
+        if pid is not None:
+            group |= set(descendants(pid))
+        pool.stop()  # type: ignore[no-untyped-call]
+        pool.join()
+        if pid is not None:
+            for process in group.union(session_members(pid)):
+                end_process(process)
 
     def _take_answer(self) -> Any:
         assert self._pending is not None, "nothing was sent"
         pending, self._pending = self._pending, None
         return answer(pending)
+
+
+def _done(future: Future[Any], timeout_s: float) -> bool:
+    """Whether it has ended, after waiting at most so long; what it raised is raised elsewhere."""
+    with suppress(TimeoutError, CancelledError):
+        future.exception(timeout=timeout_s)
+    return future.done()
 
 
 def answer(future: Future[Any]) -> Any:
@@ -143,19 +192,20 @@ def answer(future: Future[Any]) -> Any:
 # -- in the worker
 
 
-def _warm(runner: str, lock: str) -> int:
-    """Make ready for `runner`; the process id."""
+def _warm(runner: str, lock: str) -> tuple[int, int | None]:
+    """Make ready for `runner`; the ids of this process and of its guard."""
     with file_lock(Path(lock), wait=True):
         resolve(f"{runner.partition(':')[0]}:warm_up")()
-    return os.getpid()
+    return os.getpid(), guard_pid()
 
 
 def _prepare(parent: int) -> None:
-    """First thing in a worker: never outlive the service, however that ends."""
+    """First thing in a worker: never outlive the service, however that ends, and lead a group of its own."""
     if sys.platform == "linux":
         ctypes.CDLL(None, use_errno=True).prctl(_PR_SET_PDEATHSIG, signal.SIGKILL)
         if os.getppid() != parent:  # it died before we asked
             os._exit(1)
+    lead_group()
     threading.Thread(target=_die_with_parent, name="parent-watch", daemon=True).start()
 
 

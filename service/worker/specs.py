@@ -73,6 +73,7 @@ class AttemptReport:
     """What one attempt left: a result, or the kind and message of an error in its place.
 
     artefacts: kind, name, SHA-256 and size of each file. max_rss_mb: None where the system does not count.
+    leftovers: what it left in its process, as in `1 thread`; if there is any, another job needs another process.
     """
 
     result: Any = None
@@ -81,3 +82,4 @@ class AttemptReport:
     artefacts: tuple[dict[str, Any], ...] = ()
     cpu_s: float
     max_rss_mb: float | None
+    leftovers: tuple[str, ...] = ()

@@ -59,7 +59,7 @@ def _read(file: Path) -> Floats:
 
 
 def _computed(tissue: TissueModel, channel: ChannelModel, entry_m: Floats, file: Path) -> Floats:
-    """mu times the result: (3, 3), without a unit. A folder that cannot be written only costs time."""
+    """Mu times the result: (3, 3), without a unit. A folder that cannot be written only costs time."""
     found = _rounded(deficit_along(tissue, channel, line_of_balls(channel, tissue, entry_m)) * tissue.mu_pa)
     try:
         partial = file.with_suffix(f".{id(found)}.partial")

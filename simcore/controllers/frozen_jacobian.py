@@ -1,4 +1,4 @@
-"""Visual servoing with a frozen Jacobian: T = P + J^+ (k e_p), J^+ computed once and kept (Chaumette and Hutchinson
+"""Visual servoing with a frozen Jacobian: T = P + J^+ (k e_p), J computed once and kept (Chaumette and Hutchinson
 2006, constant interaction matrix). What I-FEM gains by linearising anew at every step is the distance to this."""
 
 from __future__ import annotations
@@ -7,9 +7,9 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from simcore.controllers.ifem import damped_inverse
 from simcore.controllers.plant_model import model_scenario
 from simcore.controllers.remote_centre import following_response, pose_through
+from simcore.controllers.selective_inverse import selective_move
 from simcore.errors import ModelFailureError, Status
 from simcore.insertion.jacobian_fast import linearise
 from simcore.insertion.state import Pose
@@ -34,18 +34,19 @@ class FrozenJacobianController:
         self.entry_m = entry_m
         self.failure: ModelFailureError | None = None
         try:
-            jacobian = straight_jacobian(settings, scenario)
+            self.jacobian = straight_jacobian(settings, scenario)
         except ModelFailureError as failure:
             self.failure = failure  # of the run and not of its preparation: the first command tells it
             return
-        self.inverse = settings.gain * damped_inverse(jacobian, settings.damping)
+        self.gain, self.largest_m = settings.gain, 1e-3 * settings.direction_speed_mm_s * scenario.dt_s
 
     def command(self, observation: Observation) -> Pose:
         """One step down the observed error along the kept directions. Raises ModelFailureError if there are none."""
         if self.failure is not None:
             raise self.failure
         base = observation.base
-        move = self.inverse @ (observation.target_m - observation.tip_m)
+        error = self.gain * (observation.target_m - observation.tip_m)
+        move = selective_move(self.jacobian, error, self.largest_m)
         return pose_through(self.entry_m, base.position_m + move, base.rotation)
 
 

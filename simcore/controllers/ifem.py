@@ -1,4 +1,5 @@
-"""Inverse finite element control [paper]: T = X - J^+ (k o e), e = (n_traj - n_tip; RCM), J = de/dX."""
+"""Inverse finite element control [paper]: T = X - J^+ (k o e), e = (n_traj - n_tip; RCM), J = de/dX. The rows are
+weighted first; J^+ is `selective_move`."""
 
 from __future__ import annotations
 
@@ -7,6 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from simcore.controllers.remote_centre import TOO_NEAR_M, following_response, pose_through
+from simcore.controllers.selective_inverse import selective_move
 from simcore.insertion.state import Pose
 from simcore.rotations import exp_map
 
@@ -17,11 +19,11 @@ if TYPE_CHECKING:
     from simcore.scenario.scenario import InverseFem
 
 
-def inverse_fem(settings: InverseFem, model: Model, entry_m: Floats) -> Controller:
+def inverse_fem(settings: InverseFem, model: Model, entry_m: Floats, dt_s: float) -> Controller:
     """The controller with the orientation that the settings ask for; entry_m (3,) m."""
     if settings.orientation == "axis":
-        return AxisThroughEntryController(settings, model, entry_m)
-    return InverseFemController(settings, model)
+        return AxisThroughEntryController(settings, model, entry_m, dt_s)
+    return InverseFemController(settings, model, dt_s)
 
 
 class InverseFemController:
@@ -29,17 +31,17 @@ class InverseFemController:
 
     limited = True
 
-    def __init__(self, settings: InverseFem, model: Model) -> None:
-        self.settings = settings
-        self.model = model
+    def __init__(self, settings: InverseFem, model: Model, dt_s: float) -> None:
+        self.settings, self.model = settings, model
+        self.largest_m = 1e-3 * settings.direction_speed_mm_s * dt_s
 
     def command(self, observation: Observation) -> Pose:
-        """One damped Newton step on the objectives; rotations count with the lever arm."""
+        """One Newton step on the objectives; rotations count with the lever arm."""
         response = self.model(observation)
         jacobian, error = objectives(response, observation.target_m - observation.tip_m, self.settings)
         lever = self.settings.lever_arm_mm * 1e-3
         scaled = jacobian / np.array([1.0, 1.0, 1.0, lever, lever, lever])
-        twist = -damped_inverse(scaled, self.settings.damping) @ error
+        twist = -selective_move(scaled, error, self.largest_m)
         turn = exp_map(twist[3:] / lever)
         return Pose(observation.base.position_m + twist[:3], turn @ observation.base.rotation)
 
@@ -49,17 +51,18 @@ class AxisThroughEntryController:
 
     limited = True
 
-    def __init__(self, settings: InverseFem, model: Model, entry_m: Floats) -> None:
+    def __init__(self, settings: InverseFem, model: Model, entry_m: Floats, dt_s: float) -> None:
         self.settings, self.model, self.entry_m = settings, model, entry_m
+        self.largest_m = 1e-3 * settings.direction_speed_mm_s * dt_s
 
     def command(self, observation: Observation) -> Pose:
-        """One damped Newton step on the tip error; the Jacobian turns the base as the rule will."""
+        """One Newton step on the tip error; the Jacobian turns the base as the rule will."""
         base, tip = observation.base, self.model(observation).tip
         reach_m = float(np.linalg.norm(self.entry_m - base.position_m))
         near = reach_m < TOO_NEAR_M
         jacobian = tip[:, :3] if near else following_response(tip, base.rotation[:, 2], reach_m)
         error = self.settings.gain * (observation.target_m - observation.tip_m)
-        move = damped_inverse(jacobian, self.settings.damping) @ error
+        move = selective_move(jacobian, error, self.largest_m)
         return pose_through(self.entry_m, base.position_m + move, base.rotation)
 
 
@@ -75,9 +78,3 @@ def objectives(response: Linearisation, tip_error_m: Floats, settings: InverseFe
     jacobian = np.vstack([-response.tip, weight * response.rcm])
     rcm_error_m = weight * (settings.rcm_gain * response.rcm_error_m)
     return jacobian, np.concatenate([settings.gain * tip_error_m, rcm_error_m])
-
-
-def damped_inverse(jacobian: Floats, damping: float) -> Floats:
-    """J^+ = J^T (J J^T + d^2 I)^-1 (Wampler 1986; Nakamura and Hanafusa 1986)."""
-    gram = jacobian @ jacobian.T + damping**2 * np.eye(len(jacobian))
-    return np.asarray(np.linalg.solve(gram, jacobian).T)

@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from simcore.arrays import Floats
 
 FACTORIES: dict[str, Callable[[Setup], Controller]] = {
-    "ifem": lambda s: inverse_fem(s.settings(InverseFem), s.asked_model(), s.entry_m),
+    "ifem": lambda s: inverse_fem(s.settings(InverseFem), s.asked_model(), s.entry_m, s.scenario.dt_s),
     "elm": lambda s: LearnedController.load("elm", s.settings(Learned), s.entry_m),
     "rigid": lambda s: RigidNeedleController(s.settings(RigidNeedle), s.scenario, s.entry_m, s.needle_length_m),
     "frozen": lambda s: FrozenJacobianController(s.settings(FrozenJacobian), s.scenario, s.entry_m),

@@ -8,6 +8,7 @@ import numpy as np
 
 from simcore.insertion.state import Pose
 from simcore.rotations import matrix_from_quaternion
+from simcore.scenario.controller_rules import poses_of
 
 if TYPE_CHECKING:
     from simcore.controllers.base import Observation
@@ -20,7 +21,7 @@ class ReplayController:
     limited = False
 
     def __init__(self, settings: Replay) -> None:
-        poses = np.array(settings.poses)
+        poses = poses_of(settings)
         self.positions_m = poses[:, :3] * 1e-3
         self.quaternions = poses[:, 3:] / np.linalg.norm(poses[:, 3:], axis=1, keepdims=True)
 

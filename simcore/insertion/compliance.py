@@ -62,6 +62,11 @@ class Compliance:
         if info != 0:
             raise NotPositiveDefiniteError(f"the stiffness is not positive definite in row {info}")
         self.column_rest_m[:] = np.nan
+        self.rotations = rotations.copy()
+
+    def turned_by(self, rotations: Floats) -> float:
+        """Largest change of an entry of any element's rotation, (t, 9), since the factor was made."""
+        return float(np.abs(rotations - self.rotations).max())
 
     def solve(self, right: Floats | Singles) -> Singles:
         """A^-1 right, (unknowns,) or (unknowns, k), in single precision; a diverging step overflows to infinity."""

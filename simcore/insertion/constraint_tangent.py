@@ -7,7 +7,8 @@ Linear in the changes of the constraint forces dF (a, 3) N, world, of the arc le
     gap          dp - C dq - c' ds = 0                                               ds = 0 while it sticks
     friction     d(F . tau) = sign (tau0 dl + mu d|F - (F . tau) tau|)               tau = c' / |c'|
 
-after Duriez et al. 2009 and our laws (see `contact.laws`), and what the line's coupling adds (`line_tangent`). The needle is eliminated by its block tridiagonal factor.
+after Duriez et al. 2009 and our laws (see `contact.laws`), and what the line's coupling adds (`line_tangent`). The
+needle is eliminated by its block tridiagonal factor.
 """
 
 from __future__ import annotations
@@ -20,7 +21,7 @@ import numpy as np
 from simcore.compiled import kernel
 from simcore.contact.channel import tributary_lengths
 from simcore.contact.kernels import moved_shaft, needle_right_sides
-from simcore.contact.line import SHORTEST_M
+from simcore.contact.line import least_length
 from simcore.insertion.line_tangent import Tributary, Turning, add_line_rows, projected_arcs
 from simcore.needle.model import factor_blocks, solve_blocks
 from simcore.needle.shaft import Shaft, shaft_columns, shaft_frame, shaft_weights
@@ -206,9 +207,9 @@ def _tributary(
     for out, length in ((longer, solved.at.inserted_m + TRIBUTARY_STEP_M), (now, solved.at.inserted_m)):
         tributary_lengths(channel.depth_m, channel.active, channel.count, length, out)
     growth = ((longer - now) / TRIBUTARY_STEP_M)[active]
-    lengths = np.maximum(now[active], SHORTEST_M)
-    growth[now[active] < SHORTEST_M] = 0.0
-    return Tributary(lengths, np.outer(growth, inserted), np.outer(growth, by_ball))
+    least = np.array([least_length(model.line, element) for element in active])
+    lengths = np.maximum(now[active], least)
+    return Tributary(lengths, now[active] < least, np.outer(growth, inserted), np.outer(growth, by_ball))
 
 
 def _inserted_row(

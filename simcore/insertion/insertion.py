@@ -141,6 +141,10 @@ class Insertion:
         moved: Floats = rest_m + weights @ (state.bodies.x[nodes] - self.tissue.mesh.nodes_m[nodes])
         return moved
 
+    def held_shift_m(self, state: InsertionState) -> Floats:
+        """(3,) m, world: how far the held nodes have moved by this state."""
+        return self.motion.shift_m(state.steps * self.model.dt_s) if self.motion else np.zeros(3)
+
     def _solve(self, state: InsertionState, channel: Channel, base: Pose, guess: Guess | None = None) -> SolvedStep:
         shift = self.motion.shift_m((state.steps + 1) * self.model.dt_s) if self.motion else None
         old = state.bodies

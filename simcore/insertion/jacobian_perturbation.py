@@ -4,7 +4,8 @@ One-sided, forwards: half the re-solves of a central difference, and the axial o
 already advances; a central one, at a small time step, would reverse it and average over the jump from slip to stick.
 Each solve begins at a first guess: the unperturbed one at the insertion's own solution, the others where its linear
 response leads, and as far beyond as the same perturbation ended after the step before. Guesses only save iterations:
-what is differenced has converged to the tight tolerance below.
+what is differenced has converged to the tight tolerance below. Of a linearised model the linearised steps are
+differenced: each from the same start, to first order in the base's move.
 """
 
 from __future__ import annotations
@@ -41,9 +42,11 @@ class Perturbation:
         self.beyond: dict[int, Beyond] = {}
 
     def linearise(self, before: InsertionState, state: InsertionState) -> Linearisation:
-        """Of the step from `before` to `state`, solved again to a tight tolerance. Raises ModelFailureError."""
+        """Of the step from `before` to `state`, solved again (to a tight tolerance, unless linearised). Raises
+        ModelFailureError."""
         before = replace(before, steps=state.steps - 1)  # the initial state is its own predecessor
-        guessed = before.channel.phase is Phase.INSERTED  # the step of the puncture is solved from its start
+        # the step of the puncture is solved from its start, as a linearised one always is
+        guessed = before.channel.phase is Phase.INSERTED and not self.probe.model.linearised
         at = state.solved.at
         solved = self._solved(before, state.base, Guess(at.bodies.copy(), at.force_n, at.mode) if guessed else None)
         tip, offset = self._measured(solved)

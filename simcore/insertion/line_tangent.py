@@ -1,8 +1,8 @@
 """The part of the exact linearisation that belongs to the coupling along the needle's line (see `contact.line`).
 
-A shaft point obeys g + L F = 0 with L = P G P / l, P = I - tau tau^T, g = p - c(s) and F the force on the tissue, world;
-it is in contact at s + C F_tau / |c'| with C = tau G tau / l. All of it changes with dF, ds, with the shaft's turn and
-with the tributary length l. A free tip keeps P F = 0 in place of its lateral gap.
+A shaft point obeys g + L F = 0 with L = P G P / l, P = I - tau tau^T, g = p - c(s) and F the force on the tissue,
+world; it is in contact at s + C F_tau / |c'| with C = tau G tau / l. All of it changes with dF, ds, with the shaft's
+turn and with the tributary length l. A free tip keeps P F = 0 in place of its lateral gap.
 """
 
 from __future__ import annotations
@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 
 if TYPE_CHECKING:
-    from simcore.arrays import Floats
+    from simcore.arrays import Flags, Floats
     from simcore.insertion.model import CoupledModel
     from simcore.insertion.state import SolvedStep
 
@@ -26,16 +26,18 @@ class Turning(NamedTuple):
     change: Floats
 
     def axis(self, i: int) -> tuple[Floats, Floats, float]:
-        """tau (3,), its change (3, k) and |c'| of element i."""
+        """Tau (3,), its change (3, k) and |c'| of element i."""
         size = float(np.linalg.norm(self.dc[i]))
         tau = self.dc[i] / size
         return tau, (self.change[i] - np.outer(tau, tau @ self.change[i])) / size, size
 
 
 class Tributary(NamedTuple):
-    """Lengths l (a,) m of the active elements, and their changes (a, k) by all unknowns and (a, 3p) by the balls."""
+    """Lengths l (a,) m of the active elements, as far as the line's coupling goes, and whether they are the least that
+    it takes (a,); changes of the tributary lengths (a, k) by all unknowns and (a, 3p) by the balls."""
 
     length_m: Floats
+    least: Flags
     change: Floats
     by_ball: Floats
 
@@ -79,8 +81,9 @@ def _add_gap(
     own += (-dtau * (tau @ pressed) - np.outer(tau, pressed @ dtau)) / length
     own += across @ line @ (-dtau * (tau @ force) - np.outer(tau, force @ dtau)) / length
     own[:, 3 * i : 3 * i + 3] += compliance
-    own -= np.outer(compliance @ force, tributary.change[i] / length)
-    per_ball[3 * i : 3 * i + 3] -= np.outer(compliance @ force, tributary.by_ball[i] / length)
+    if not tributary.least[i]:
+        own -= np.outer(compliance @ force, tributary.change[i] / length)
+        per_ball[3 * i : 3 * i + 3] -= np.outer(compliance @ force, tributary.by_ball[i] / length)
 
 
 def _add_creep(
@@ -99,8 +102,9 @@ def _add_creep(
     rows[row] += (2.0 * along / length * (line @ tau) + compliance * force) @ dtau / size
     rows[row] -= compliance * along / size**2 * (tau @ turning.change[i])
     rows[row, 3 * i : 3 * i + 3] += compliance / size * tau
-    rows[row] -= compliance * along / (size * length) * tributary.change[i]
-    per_ball[row] -= compliance * along / (size * length) * tributary.by_ball[i]
+    if not tributary.least[i]:
+        rows[row] -= compliance * along / (size * length) * tributary.change[i]
+        per_ball[row] -= compliance * along / (size * length) * tributary.by_ball[i]
 
 
 def _free(solved: SolvedStep, i: int, turning: Turning, rows: Floats, per_ball: Floats) -> None:

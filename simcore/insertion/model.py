@@ -45,6 +45,7 @@ class CoupledModel:
     tolerances: Tolerances
     entry_m: Floats  # (3,) m, on the surface: where the needle enters
     dt_s: float
+    linearised: bool = False  # one linear solve a step, whatever it leaves; False = to the tolerances
 
     @cached_property
     def surface_frame(self) -> Floats:

@@ -5,7 +5,8 @@ Find x, q, lambda with
     M (v+ - v) / dt + C v+ + f_tissue(x+) = H_t^T lambda,      f_needle(q+) = -H_n^T lambda,      and the contact laws.
 
 Each iteration evaluates the TRUE residuals, then corrects with a kept tissue factor, the needle's exact tangent and the
-exact solution of the condensed contact laws (Duriez et al. 2009 do one such linearised solve a step and stop).
+exact solution of the condensed contact laws. Duriez et al. 2009 do one such linearised solve a step and stop:
+`linearised_step`.
 """
 
 from __future__ import annotations
@@ -39,6 +40,8 @@ if TYPE_CHECKING:
 
 LEAST_DET_F = 0.1  # below it a tetrahedron counts as inverted
 FIRST_TRY = 12  # iterations with the kept factor before it is renewed
+STALE_TURN = 0.1  # entries of a rotation may change so much before a linearised step factors the tissue anew
+NO_CONTACT_STATE = "no consistent contact state"
 
 
 def solve_step(
@@ -47,8 +50,11 @@ def solve_step(
     """The new equilibrium at `goal`; `start` and `channel`, with the elements and forces of before, stay as they are.
 
     The first try continues the last step's motion and its change of forces, or begins at `guess`, with the kept factor;
-    where it fails, a second one begins at `start` with a new factor.
+    where it fails, a second one begins at `start` with a new factor. A linearised model takes one linearised step,
+    which always begins at `start`.
     """
+    if model.linearised:
+        return linearised_step(model, workspace, start, channel, goal)
     first = _extrapolated(model, start, channel) if guess is None else guess
     allowed = model.tolerances.max_iterations
     solved = _attempt(model, workspace, start, channel, first, goal, min(FIRST_TRY, allowed))
@@ -59,11 +65,48 @@ def solve_step(
         _renew_factor(workspace, start)
     except NotPositiveDefiniteError as error:
         return replace(solved, report=replace(report, status=Status.NOT_POSITIVE_DEFINITE, message=str(error)))
-    elements = channel.active_elements()
-    first = Guess(start.copy(), channel.force_n[elements], channel.mode[elements])
+    first = _as_before(start, channel)
     solved = _attempt(model, workspace, start, channel, first, goal, allowed - report.iterations)
     iterations = solved.report.iterations + report.iterations
     return replace(solved, report=replace(solved.report, iterations=iterations, refactored=1))
+
+
+def linearised_step(
+    model: CoupledModel, workspace: Workspace, start: Bodies, channel: Channel, goal: Goal
+) -> SolvedStep:
+    """One linearised solve from `start`, then the step is taken as it is (Duriez et al. 2009, and SOFA).
+
+    Implicit: both bodies' displacements, the tissue's velocity (backward Euler), and the constraint forces, which
+    obey their laws against the linear response. Explicit, as they are at the start of the step: the needle's tangent,
+    frames of the constraints, places of the points on the shaft, lengths on which adhesion acts, and the tissue's
+    stiffness, factored at rotations that differ from those of the start by less than STALE_TURN. What the step leaves
+    is the report's residual, and the next step's load: it grows with the square of the base's turn, which stretches
+    the needle. The Jacobian of such a step is that of its end, where the next one is linearised.
+    The status is a failure only for an inverted or infinite state, or laws without a solution.
+    """
+    active, at = begin(model, workspace, channel, _as_before(start, channel), goal)
+    evaluate(model, workspace, start, active, at)
+    rotations, compliance = workspace.blocks.rotations(), workspace.compliance
+    stale = compliance.turned_by(rotations) >= STALE_TURN
+    try:
+        if stale:
+            compliance.refactor(rotations)
+            compliance.sync(channel)
+        failure = None if correct(model, workspace, active, at) else (Status.NOT_CONVERGED, NO_CONTACT_STATE)
+    except NotPositiveDefiniteError as error:
+        failure = Status.NOT_POSITIVE_DEFINITE, str(error)
+    left = evaluate(model, workspace, start, active, at)
+    if not np.isfinite(left).all():
+        failure = Status.NOT_FINITE, "the linearised step is not finite"
+    status, message = failure or _checked(at)
+    report = StepReport(status, message, 1, left.force_n, left.violation_m, at.min_det_f, int(stale))
+    return _solved(workspace, start, active, at, report)
+
+
+def _as_before(start: Bodies, channel: Channel) -> Guess:
+    """Bodies, forces and modes as the last step left them."""
+    elements = channel.active_elements()
+    return Guess(start.copy(), channel.force_n[elements], channel.mode[elements])
 
 
 def _attempt(
@@ -88,7 +131,7 @@ def _attempt(
         if iteration == allowed:
             status, message = Status.NOT_CONVERGED, _missing(model, residuals, allowed)
         elif not correct(model, workspace, active, at):
-            status, message = Status.NOT_CONVERGED, "no consistent contact state"
+            status, message = Status.NOT_CONVERGED, NO_CONTACT_STATE
             break
     report = StepReport(status, message, iteration, residuals.force_n, residuals.violation_m, at.min_det_f, 0)
     return _solved(workspace, start, active, at, report)

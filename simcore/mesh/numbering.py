@@ -11,15 +11,17 @@ if TYPE_CHECKING:
 
     from simcore.arrays import Ints
     from simcore.mesh.mesh import Mesh
+    from simcore.mesh.regions import Region
 
 
-def held_nodes(mesh: Mesh, faces: Sequence[str], sets: Sequence[str] = ()) -> Ints:
-    """The nodes of the flat sides `faces` and of the named `sets` of a mesh, in ascending order.
+def held_nodes(mesh: Mesh, faces: Sequence[str], sets: Sequence[str] = (), regions: Sequence[Region] = ()) -> Ints:
+    """The nodes of the flat sides `faces`, of the named `sets` and in the `regions` of a mesh, in ascending order.
 
     Raises KeyError for a side or a set that the mesh has not.
     """
-    parts = [*(mesh.faces[face] for face in faces), *(mesh.sets[name] for name in sets)]
-    return np.unique(np.concatenate(parts))
+    inside = [np.flatnonzero(region.contains(mesh.nodes_m)) for region in regions]
+    parts = [*(mesh.faces[face] for face in faces), *(mesh.sets[name] for name in sets), *inside]
+    return np.unique(np.concatenate([np.zeros(0, np.int64), *parts]))
 
 
 def free_node_order(mesh: Mesh, held: Ints) -> Ints:

@@ -85,6 +85,14 @@ class Element(NamedTuple):
 
 
 @kernel
+def stiffness(section: Section) -> Stiffness:
+    """Of a beam of this section."""
+    length, phi = section.element_length_m, section.shear_parameter
+    c = section.bending_nm2 / (length * (1.0 + phi))
+    return Stiffness(section.axial_n / length, (4.0 + phi) * c, (2.0 - phi) * c, section.torsion_nm2 / length)
+
+
+@kernel
 def _cross(a: Triple, b: Triple) -> Triple:
     return a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]
 
@@ -150,7 +158,7 @@ def _end(frame: Floats, rotation: Floats, relative: Floats) -> End:
 
 
 @kernel
-def _deform(
+def deform(
     x1: Floats, x2: Floats, R1: Floats, R2: Floats, rest_length: float, k: Stiffness, scratch: Floats
 ) -> Element:
     """State of the beam between two nodes; writes its frame to scratch[0] (scratch is (2, 3, 3))."""
@@ -259,16 +267,9 @@ def internal(x: Floats, R: Floats, section: Section, out: BeamForces) -> None:
 
     x: (n+1, 3) m, R: (n+1, 3, 3), world. section: `NeedleModel.section`. out is written.
     """
-    element_length, axial, bending, torsion, shear_parameter, rest_frames = section
+    element_length, rest_frames, k = section.element_length_m, section.rest_frames, stiffness(section)
     f_out, diag_out, upper_out, lower_out = out
     n = len(x) - 1
-    c = bending / (element_length * (1.0 + shear_parameter))
-    k = Stiffness(
-        axial / element_length,
-        (4.0 + shear_parameter) * c,
-        (2.0 - shear_parameter) * c,
-        torsion / element_length,
-    )
     scratch = np.empty((2, 3, 3))
     frame = scratch[0]
     f_out[:] = 0.0
@@ -279,7 +280,7 @@ def internal(x: Floats, R: Floats, section: Section, out: BeamForces) -> None:
         R1, R2 = R[i], R[i + 1]
         if len(rest_frames) > 0:
             R1, R2 = compose(R1, rest_frames[i, 0]), compose(R2, rest_frames[i, 1])
-        e = _deform(x[i], x[i + 1], R1, R2, element_length, k, scratch)
+        e = deform(x[i], x[i + 1], R1, R2, element_length, k, scratch)
         force, moment1, moment2 = _forces(e)
         force, moment1, moment2 = (
             _to_world(frame, force),

@@ -17,6 +17,8 @@ if TYPE_CHECKING:
     from simcore.arrays import Floats
     from simcore.scenario.controller_blocks import Controller
 
+AUTHORITY_FLOOR = 0.02  # a base that moves fifty times as far as the tip steers nothing
+WEAK = 0.05  # [ours] below it the base moves sideways more than twenty times as far as the tip
 AUTHORITY = ("rcm_authority", "rcm_sigma_min")  # of a series: derived from its states and therefore not digested
 
 
@@ -34,8 +36,28 @@ def authority_arrays(authority: list[Floats], rows: int) -> dict[str, Floats]:
     return dict(zip(AUTHORITY, (found, smallest), strict=True))
 
 
+def lost_authority(authority: list[Floats]) -> str | None:
+    """That the authority has vanished, if it has: once above its floor, the smallest singular value fell to it or
+    below, or passed zero between two steps, where the determinant changes sign.
+
+    authority: (2, 2) of every state so far, NaN where it is unknown.
+    """
+    known = [one for one in authority if np.isfinite(one).all()]
+    if not known:
+        return None
+    sigma = np.linalg.svd(np.array(known), compute_uv=False)[:, -1]
+    if not (steered := np.flatnonzero(sigma > AUTHORITY_FLOOR)).size:
+        return None
+    first = int(steered[0])
+    turned = np.diff(np.sign(np.linalg.det(np.array(known[first:])))) != 0.0
+    if sigma[first:].min() > AUTHORITY_FLOOR and not turned.any():
+        return None
+    passed = "0" if turned.any() else f"{sigma[first:].min():.2g}"
+    return f"the RCM authority was lost: its smallest singular value passed {passed} and is {sigma[-1]:.2g} now"
+
+
 def authority_warnings(series: Mapping[str, NDArray[Any]], controller: Controller) -> list[str]:
-    """A line for each direction that changes sign, and one where the smallest singular value is below the damping.
+    """A line for each direction that changes sign, and one where the smallest singular value is below WEAK.
 
     The rise just behind the entry, where no needle has authority, is not told; a run that never leaves it is.
     """
@@ -51,16 +73,15 @@ def authority_warnings(series: Mapping[str, NDArray[Any]], controller: Controlle
                 f"RCM authority: its {axis} component changes sign at a depth of {depth_mm[turned[0]]:.1f} mm: with "
                 "the remote centre kept, the tip moves the other way from there"
             )
-    damping = f"controller.damping = {controller.damping:g}"
-    reached = np.flatnonzero(sigma >= controller.damping)
+    reached = np.flatnonzero(sigma >= WEAK)
     if not reached.size:
         most = int(sigma.argmax())
         values = f"at most {sigma[most]:.2g}, at a depth of {depth_mm[most]:.1f} mm"
-        return [*told, f"RCM authority: its smallest singular value never reaches {damping} ({values})"]
+        return [*told, f"RCM authority: its smallest singular value never reaches {WEAK:g} ({values})"]
     first = int(reached[0])
-    if (lost := np.flatnonzero(sigma[first:] < controller.damping) + first).size:
+    if (lost := np.flatnonzero(sigma[first:] < WEAK) + first).size:
         least = first + int(sigma[first:].argmin())
         values = f"at least {sigma[least]:.2g}, at {depth_mm[least]:.1f} mm"
-        where = f"falls below {damping} at a depth of {depth_mm[lost[0]]:.1f} mm ({values})"
+        where = f"falls below {WEAK:g} at a depth of {depth_mm[lost[0]]:.1f} mm ({values})"
         told.append(f"RCM authority: its smallest singular value {where}: the tip is hardly steered sideways there")
     return told

@@ -15,7 +15,6 @@ All (rows, 3) m, world frame. A row is one step of one insertion.
 from __future__ import annotations
 
 import json
-import zipfile
 from dataclasses import dataclass
 from functools import cached_property
 from typing import TYPE_CHECKING, Any
@@ -23,7 +22,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from simcore.arrays import Floats, Ints
-from simcore.errors import NeedlebenchError
+from simcore.errors import ARCHIVE_ERRORS, NeedlebenchError
 from simcore.rollout.artefacts import replace_atomically
 
 if TYPE_CHECKING:
@@ -160,7 +159,7 @@ def load_dataset(path: Path) -> Dataset:
             found = {name: archive[name] for name in archive.files}
     except DatasetError:
         raise
-    except (OSError, ValueError, EOFError, zipfile.BadZipFile) as error:
+    except ARCHIVE_ERRORS as error:
         reason = getattr(error, "strerror", None) or error
         if "pickle" in str(reason):
             reason = "it is no archive of plain arrays"

@@ -24,6 +24,7 @@ class Scene:
     tissue_rest_m: Floats  # (nodes, 3)
     tissue_tets: Ints  # (tets, 4)
     surface_triangles: Ints  # (triangles, 3) into the nodes, outward
+    held_nodes: Ints  # (held,) into the nodes
     path_m: Floats  # (p, 3) polyline of the nominal path
     entry_m: Floats  # (3,) world-fixed remote centre of motion
     needle_radius_m: float
@@ -61,7 +62,11 @@ class StepRecord:
     residual_n: float
     violation_m: float
     min_det_f: float
+    min_det_f_at_m: Floats  # (3,) centre at rest of the tetrahedron that has it
     max_displacement_m: float
+    max_strain: float  # largest |principal stretch - 1| of the tissue
+    entry_drag_m: float  # lateral displacement of the tissue at the entry, without that of the held nodes
+    needle_stress_pa: float  # largest bending plus axial stress
     shaft_m: Floats  # (k, 3) polyline of the needle's axis, base to tip
     points_m: Floats  # (m, 3) active constraint points
     point_forces_n: Floats  # (m, 3) force of the needle on the tissue at each

@@ -1,15 +1,13 @@
-"""The result of a run, and the digest that says whether two runs did the same to the bit."""
+"""The result of a run."""
 
 from __future__ import annotations
 
-import hashlib
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
-import numpy as np
-
 from simcore.provenance import provenance
-from simcore.rollout.authority import AUTHORITY, authority_warnings
+from simcore.rollout.cautions import run_warnings
+from simcore.rollout.digest import digest
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -19,7 +17,7 @@ if TYPE_CHECKING:
 
 TIMES = ("plant_s", "jacobian_s", "command_s", "recording_s")  # clock readings of a step, s
 FRAMES = ("tissue_m", "tissue_frame_step")  # kept tissue states and their steps
-UNDIGESTED = (*TIMES, *FRAMES, *AUTHORITY)  # clock readings, frames of which the last one is digested, what is derived
+DERIVED = ("min_det_f_at_m", "max_strain", "entry_drag_m", "needle_stress_pa")  # from the states of both bodies
 
 
 @dataclass(frozen=True)
@@ -36,18 +34,29 @@ class Rollout:
 
     @property
     def success(self) -> bool:
-        """Completed, reached the end, never lost the target (see `metrics`)."""
+        """Followed the path to its end, with a needle below its yield stress (see `metrics`)."""
         return bool(self.metrics["success"])
 
     @property
     def digest(self) -> str:
-        """SHA-256 over the state series and the last tissue positions, names and shapes included; timings left out."""
+        """SHA-256 over the states, see `simcore.rollout.digest`."""
         return digest(self.series)
+
+    @property
+    def held(self) -> dict[str, Any]:
+        """What of the tissue was held: faces, sets, regions, and the number of nodes in them."""
+        tissue = self.scenario.tissue
+        return {
+            "faces": list(tissue.held_faces),
+            "sets": list(tissue.fixed_sets),
+            "regions": [region.model_dump(mode="json") for region in tissue.fixed_regions],
+            "nodes": self.solver["held_nodes"],
+        }
 
     @property
     def warnings(self) -> list[str]:
         """What the run showed that calls for a second look, beside what the scenario warns of."""
-        return authority_warnings(self.series, self.scenario.controller)
+        return run_warnings(self.series, self.scenario)
 
     def result(self) -> dict[str, Any]:
         """The content of result.json."""
@@ -57,19 +66,8 @@ class Rollout:
             "metrics": self.metrics,
             "timing": self.timing,
             "solver": self.solver,
+            "held": self.held,
             "digest": self.digest,
             "warnings": [*self.scenario.warnings(), *self.warnings],
             "provenance": provenance(self.scenario.resolved()),
         }
-
-
-def digest(series: dict[str, NDArray[Any]]) -> str:
-    """SHA-256 of a series' state arrays in the order of their names."""
-    state = {name: array for name, array in series.items() if name not in UNDIGESTED}
-    state["tissue_last_m"] = series["tissue_m"][-1]
-    hashed = hashlib.sha256()
-    for name in sorted(state):
-        array = np.ascontiguousarray(state[name])
-        hashed.update(f"{name}{array.dtype.str}{array.shape}".encode())
-        hashed.update(array.tobytes())
-    return hashed.hexdigest()

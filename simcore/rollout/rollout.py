@@ -5,7 +5,7 @@ from __future__ import annotations
 import time
 from collections.abc import Callable
 from functools import cache, cached_property
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from threadpoolctl import threadpool_limits
@@ -17,13 +17,16 @@ from simcore.errors import ModelFailureError, Status
 from simcore.insertion.jacobian_fast import Linearisation, lateral_offset
 from simcore.metrics import metrics
 from simcore.needle.shaft import shaft_polyline
+from simcore.needle.stress import largest_strain
 from simcore.robot import DelayedCommands, limited_pose
+from simcore.rollout.endings import after_failure, after_step
 from simcore.rollout.records import Observer, Scene, Silent, StepRecord, StepTiming, sealed
 from simcore.rollout.result import Rollout
 from simcore.rollout.series import SeriesBuilder
 from simcore.rotations import quaternion_from_matrix
 from simcore.scenario.build import insertion_of, robot_limits
 from simcore.scenario.scenario import Scenario
+from simcore.tissue.strain import strain_extremes
 from simcore.trajectory import Path, held_noise, polyline_distance_m, targets
 
 if TYPE_CHECKING:
@@ -34,7 +37,7 @@ if TYPE_CHECKING:
 
 Clock = Callable[[], float]
 
-NOISE_HOLD_S = 0.01
+NOISE_HOLD_S = 0.01  # where the scenario names none
 SHAFT_POINTS_PER_BEAM = 3
 PATH_POINTS_APART_M = 0.5e-3  # in the tissue; the chords of a 1 mm sine over 120 mm then miss it by 0.1 um
 
@@ -54,19 +57,24 @@ def compile_kernels() -> None:
         _Loop(scenario, Silent(), time.perf_counter).run()
 
 
-def run(scenario: Scenario, observer: Observer | None = None, *, clock: Clock = time.perf_counter) -> Rollout:
+def run(
+    scenario: Scenario | dict[str, Any] | str, observer: Observer | None = None, *, clock: Clock = time.perf_counter
+) -> Rollout:
     """Simulate one scenario; the observer sees every step and changes nothing.
+
+    scenario: also as JSON data or text, or by the name of a built-in one. Raises ScenarioError.
 
     A step that fails ends the run with its named status; the last good state is the last row of the series. Exceptions
     of the observer pass through: that is how a run is cancelled.
 
     >>> rollout = run(Scenario.load({"tissue": {"element_size_mm": 10}, "trajectory": {"target_mm": [18, 31, 5]}}))
-    >>> print(rollout.status, rollout.series["tip_m"].shape, rollout.metrics["rmse_mm"] < 0.1)
+    >>> print(rollout.status, rollout.series["tip_m"].shape, rollout.metrics["rmse_commanded_mm"] < 0.1)
     completed (51, 3) True
     """
+    chosen = scenario if isinstance(scenario, Scenario) else Scenario.load(scenario)
     with threadpool_limits(1):
         compile_kernels()
-        return _Loop(scenario, observer or Silent(), clock).run()
+        return _Loop(chosen, observer or Silent(), clock).run()
 
 
 def material_path(insertion: Insertion, path: Path) -> MaterialPoints:
@@ -89,13 +97,14 @@ class _Loop:
         self.noise_m = held_noise(
             np.random.default_rng(scenario.seed),
             amplitude_m=scenario.noise_mm * 1e-3,
-            hold_s=NOISE_HOLD_S,
+            hold_s=scenario.noise_hold_s or NOISE_HOLD_S,
             dt_s=scenario.dt_s,
             steps=self.steps,
         )
         self.before = self.state = self.insertion.initial_state(self.path.first_tangent())
         self.model = make_model(scenario, self.insertion, lambda: (self.before, self.state))
         self.carried_cross_track_m: list[float] = []
+        self.entry_point = self.insertion.tissue.mesh.material(self.insertion.entry_m[None])
         self.response: Linearisation | None = None
         self.authority: list[Floats] = []  # of each state that the controller was asked in, from row 0 on
         self.jacobian_s = 0.0
@@ -122,12 +131,15 @@ class _Loop:
             started = self.clock()
             self.observer.step(record)
             series.add(record, self.clock() - started)
+            if status is not Status.COMPLETED:
+                break
         rollout = self._finished(series, status, message, self.clock() - begun)
         self.observer.end(rollout)
         return rollout
 
     def _advance(self, step: int) -> tuple[StepRecord | None, Status, str]:
-        """Observe, command, wait for the delay, limit, step; no record if the step failed."""
+        """Observe, command, wait for the delay, limit, step; no record if the step failed. A step that converged may
+        end the run as well."""
         target = self._target(step)
         observation = Observation(step, self.state.base, self.state.tip_m.copy(), target + self.noise_m[step])
         self.response, self.jacobian_s, started = None, 0.0, self.clock()
@@ -144,15 +156,19 @@ class _Loop:
         started = self.clock()
         state = self.insertion.step(self.state, base)
         plant_s = self.clock() - started
-        report = state.report
-        if report.status is not Status.COMPLETED:
-            return None, report.status, f"{where}: {report.message}"
+        if state.report.status is not Status.COMPLETED:
+            error_m = float(np.linalg.norm(observation.tip_m - target))
+            status, message = after_failure(self.insertion, self.state, state, error_m, self.authority)
+            return None, status, f"{where}: {message}"
         self.before, self.state = self.state, state
         if self.scenario.trajectory.frame == "tissue":
             path = self.path_in_tissue.positions(state.bodies.x, self.insertion.tissue.mesh.nodes_m)
             self.carried_cross_track_m.append(polyline_distance_m(state.tip_m, path))
         timing = StepTiming(plant_s, self.jacobian_s, command_s)
-        return self._record(step + 1, command, limited, timing), report.status, ""
+        error_m = float(np.linalg.norm(state.tip_m - target))
+        status, message = after_step(self.scenario, self.insertion, state, error_m, self.authority)
+        message = f"{where}: {message}" if message else ""
+        return self._record(step + 1, command, limited, timing), status, message
 
     def _timed_model(self, observation: Observation) -> Linearisation:
         assert self.model is not None
@@ -182,6 +198,7 @@ class _Loop:
             tissue_rest_m=mesh.nodes_m.copy(),
             tissue_tets=mesh.tets.copy(),
             surface_triangles=mesh.surface_triangles.copy(),
+            held_nodes=np.flatnonzero(self.insertion.tissue.unknown < 0),
             path_m=self.path.curve(np.linspace(0.0, 1.0, 2 if self.path.is_straight else 101)),
             entry_m=self.insertion.entry_m.copy(),
             needle_radius_m=self.insertion.needle.outer_radius_m,
@@ -191,7 +208,9 @@ class _Loop:
     def _record(self, step: int, command: Pose, limited: bool, timing: StepTiming) -> StepRecord:
         state, recording = self.state, self.scenario.recording
         base = state.base
-        displacement = state.bodies.x - self.insertion.tissue.mesh.nodes_m
+        mesh = self.insertion.tissue.mesh
+        displacement = state.bodies.x - mesh.nodes_m
+        strain = strain_extremes(state.bodies.x, mesh.tets, self.insertion.tissue.gradients)
         offset = lateral_offset(self.insertion.model, state.bodies, state.inserted_m)[0]
         target = self._target(step)
         frame = step in (0, self.steps) or (recording.enabled and step % recording.every_steps == 0)
@@ -215,7 +234,11 @@ class _Loop:
             residual_n=state.report.residual_n,
             violation_m=state.report.violation_m,
             min_det_f=state.report.min_det_f,
+            min_det_f_at_m=mesh.nodes_m[mesh.tets[strain.least_det_tet]].mean(axis=0),
             max_displacement_m=float(np.sqrt((displacement**2).sum(axis=1).max())),
+            max_strain=strain.largest_strain,
+            entry_drag_m=self._entry_drag_m(),
+            needle_stress_pa=self._needle_stress_pa(),
             shaft_m=self._shaft(),
             points_m=state.points_m.copy(),
             point_forces_n=state.point_forces_n.copy(),
@@ -223,6 +246,18 @@ class _Loop:
             timing=timing,
         )
         return sealed(record)
+
+    def _entry_drag_m(self) -> float:
+        """How far the needle has dragged the tissue at the entry along the surface; the held nodes' motion apart."""
+        mesh, inward = self.insertion.tissue.mesh, self.insertion.model.channel.inward
+        place = self.entry_point.positions(self.state.bodies.x, mesh.nodes_m)[0]
+        drag = place - self.insertion.entry_m - self.insertion.held_shift_m(self.state)
+        return float(np.linalg.norm(drag - (drag @ inward) * inward))
+
+    def _needle_stress_pa(self) -> float:
+        needle, b = self.insertion.needle, self.state.bodies
+        strain = largest_strain(b.needle_x, b.needle_R, needle.section, needle.outer_radius_m)
+        return self.scenario.needle.young_gpa * 1e9 * strain
 
     def _shaft(self) -> Floats:
         needle, b = self.insertion.needle, self.state.bodies
@@ -243,6 +278,8 @@ class _Loop:
                 self.path,
                 dt_s=dt,
                 steps=self.steps,
+                success_mm=self.scenario.success_mm,
+                yield_mpa=self.scenario.needle.yield_mpa,
                 cross_track_m=np.array(self.carried_cross_track_m) if self.carried_cross_track_m else None,
             ),
             timing=builder.timing(wall_s=wall_s, simulated_s=done * dt),

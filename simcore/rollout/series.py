@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from simcore.rollout.authority import authority_arrays
-from simcore.rollout.result import FRAMES, TIMES
+from simcore.rollout.result import DERIVED, FRAMES, TIMES
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -35,6 +35,7 @@ _COPIED = (
     "violation_m",
     "min_det_f",
     "max_displacement_m",
+    *DERIVED,
 )
 
 
@@ -89,13 +90,14 @@ class SeriesBuilder:
         return {**parts, "loop_wall_s": wall_s, "simulated_s": simulated_s, "realtime_factor": factor}
 
     def solver(self) -> dict[str, Any]:
-        """Iterations, residuals and violations over the steps."""
+        """Iterations, residuals and violations over the steps; how many nodes were held."""
         iterations = self.rows["iterations"][1:] or [0]
         return {
             "iterations_mean": float(np.mean(iterations)),
             "iterations_max": int(np.max(iterations)),
             "residual_max_n": float(np.max(self.rows["residual_n"])),
             "violation_max_m": float(np.max(self.rows["violation_m"])),
+            "held_nodes": len(self.scene.held_nodes),
         }
 
 

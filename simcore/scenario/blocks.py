@@ -1,7 +1,7 @@
 """The blocks of a scenario, field by field: with `controller_blocks` the only place where a default stands.
 
 Each field's description ends with the tag of its default: [paper] Perrusi et al. 2021, [cited] a published source,
-[ours] our choice because no source states it. A default never changes within a schema version.
+[ours] our choice because no source states it.
 """
 
 from __future__ import annotations
@@ -11,6 +11,7 @@ from typing import Annotated, Any, Literal
 import numpy as np
 from pydantic import BaseModel, ConfigDict, Field, StringConstraints
 
+from simcore.mesh.regions import BallRegion, BoxRegion, PlaneRegion
 from simcore.trajectory import Path
 
 SCHEMA: Literal["needlebench/scenario/1"] = "needlebench/scenario/1"
@@ -40,6 +41,48 @@ def bounded(default: float, low: float, high: float, text: str) -> Any:
     return Field(default=default, ge=low, le=high, description=f"{text}; {low:g} to {high:g}")
 
 
+class FixedBox(Block):
+    """Holds what lies between two corners."""
+
+    kind: Literal["box"] = Field(default="box", description="box, plane or sphere")
+    min_mm: Triple = Field(description="lower corner")
+    max_mm: Triple = Field(description="upper corner, above the lower one along each axis")
+
+    def region(self) -> BoxRegion:
+        """In metres."""
+        return BoxRegion(np.array(self.min_mm) * 1e-3, np.array(self.max_mm) * 1e-3)
+
+
+class FixedPlane(Block):
+    """Holds what lies within a distance of a plane, on either side."""
+
+    kind: Literal["plane"] = Field(default="plane", description="box, plane or sphere")
+    point_mm: Triple = Field(description="a point of the plane")
+    normal: tuple[Component, Component, Component] = Field(
+        description="across the plane, of any length but 0; each -1000 to 1000"
+    )
+    within_mm: Number = bounded(0.5, 0.0, 500.0, "distance from the plane [ours]")
+
+    def region(self) -> PlaneRegion:
+        """In metres."""
+        return PlaneRegion(np.array(self.point_mm) * 1e-3, np.array(self.normal), self.within_mm * 1e-3)
+
+
+class FixedSphere(Block):
+    """Holds what lies within a radius of a point."""
+
+    kind: Literal["sphere"] = Field(default="sphere", description="box, plane or sphere")
+    centre_mm: Triple = Field(description="centre")
+    radius_mm: Number = bounded(10.0, 0.1, 1000.0, "radius [ours]")
+
+    def region(self) -> BallRegion:
+        """In metres."""
+        return BallRegion(np.array(self.centre_mm) * 1e-3, self.radius_mm * 1e-3)
+
+
+FixedRegion = Annotated[FixedBox | FixedPlane | FixedSphere, Field(discriminator="kind")]
+
+
 class Tissue(Block):
     """Soft tissue, co-rotational linear elasticity: the block [0, size], entered at z = 0, or a mesh from a file."""
 
@@ -59,15 +102,20 @@ class Tissue(Block):
     density_kg_m3: Number = bounded(0.0, 0.0, 20_000.0, "mass density; 0 = quasi-static [ours]; tissue 1000 [cited]")
     rayleigh_mass_per_s: Number = bounded(0.0, 0.0, 1000.0, "alpha of the damping C = alpha M + beta K [ours]")
     rayleigh_stiffness_s: Number = bounded(0.0, 0.0, 10.0, "beta of the damping C = alpha M + beta K [ours]")
-    fixed_faces: tuple[Face, ...] = Field(
-        default=("y_min", "y_max"),
-        description="faces held still, one or more of x_min, x_max, y_min, y_max, z_max (z = 0 is the entry); with "
-        "mesh_file, flat sides of its bounding box, by default none where fixed_sets names some [ours]",
+    fixed_faces: tuple[Face, ...] | None = Field(
+        default=None,
+        description="faces held still, of x_min, x_max, y_min, y_max, z_max (z = 0 is the entry); with mesh_file, flat "
+        "sides of its bounding box; null = y_min, y_max where neither fixed_sets nor fixed_regions is given [ours]",
     )
     fixed_sets: tuple[SetName, ...] = Field(
         default=(),
         max_length=100,
         description="held parts of mesh_file by name: node set, cell set, physical group, array or array=number [ours]",
+    )
+    fixed_regions: tuple[FixedRegion, ...] = Field(
+        default=(),
+        max_length=100,
+        description="held parts by place, each a box, plane or sphere; what lies in one is held [ours]",
     )
     mesh_file: Annotated[str, StringConstraints(min_length=1, max_length=1000)] | None = Field(
         default=None,
@@ -78,6 +126,13 @@ class Tissue(Block):
         default=None,
         description="SHA-256 of mesh_file, 64 hexadecimal digits; null = that of the file now [ours]",
     )
+
+    @property
+    def held_faces(self) -> tuple[Face, ...]:
+        """The faces that are held: those that are named, by default y_min and y_max where nothing else is held."""
+        if self.fixed_faces is not None:
+            return self.fixed_faces
+        return () if self.fixed_sets or self.fixed_regions else ("y_min", "y_max")
 
     @property
     def cells(self) -> tuple[int, int, int]:
@@ -96,6 +151,13 @@ class Needle(Block):
     young_gpa: Number = bounded(200.0, 0.1, 500.0, "Young's modulus, stainless steel [cited]")
     poisson: Number = bounded(0.29, 0.0, 0.49, "Poisson's ratio, stainless steel [cited]")
     elements: Annotated[int, Field(strict=True)] = Field(default=20, ge=2, le=200, description="beams; 2 to 200 [ours]")
+    yield_mpa: Number = bounded(
+        1030.0,
+        1.0,
+        10_000.0,
+        "stress from which on the needle does not spring back, and a run is no success; tensile strength of hard-drawn "
+        "austenitic tubing, ASTM A908, quoted second hand [cited, weak]",
+    )
 
 
 class Interaction(Block):
@@ -141,6 +203,9 @@ class StraightTrajectory(Block):
     kind: Literal["line"] = Field(default="line", description="line or sine")
     entry_mm: Triple = Field(
         default=(18.0, 31.0, 0.0), description="on the face z = 0, inside its edges; on the surface of mesh_file [ours]"
+    )
+    entry_snap_mm: Number = bounded(
+        0.0, 0.0, 50.0, "how far entry_mm may be moved to the nearest point of the surface of mesh_file; 0 = not [ours]"
     )
     target_mm: Triple = Field(
         default=(18.0, 31.0, 122.0), description="inside the block, at least 0.1 below the face z = 0 [paper: z = 122]"
@@ -204,15 +269,18 @@ class Robot(Block):
 
 
 class Solver(Block):
-    """When a coupled step counts as converged. Results must not depend on it: see the convergence tests."""
+    """How a coupled step is solved, and when it counts as converged. Results must not depend on the tolerances: see the
+    convergence tests."""
 
+    mode: Literal["converged", "linearised"] = Field(
+        default="converged",
+        description="converged = to the tolerances, linearised = one linear solve from the start of the step, whatever "
+        "residual it leaves, as in Duriez et al. 2009; the fields below then do nothing [ours]",
+    )
     force_tolerance_n: Number = bounded(1e-5, 1e-12, 1e-2, "largest nodal force residual [ours]")
     violation_tolerance_mm: Number = bounded(1e-5, 1e-10, 1e-1, "largest constraint violation [ours]")
     max_iterations: Annotated[int, Field(strict=True)] = Field(
-        default=60,
-        ge=1,
-        le=10_000,
-        description="iterations of a step before it is a failure; 1 to 10000 [ours]",
+        default=60, ge=1, le=10_000, description="iterations of a step before it is a failure; 1 to 10000 [ours]"
     )
 
 

@@ -13,11 +13,11 @@ from simcore.contact.line_calibration import mesh_deficit
 from simcore.insertion.insertion import Insertion
 from simcore.insertion.model import CoupledModel, Tolerances
 from simcore.mesh.mesh import Mesh, box_mesh
-from simcore.mesh.numbering import held_nodes
 from simcore.mesh.reader import load_mesh
 from simcore.needle.model import NeedleModel, Tube
 from simcore.robot import RobotLimits
 from simcore.scenario.blocks import Breathing, Interaction, Needle, Robot, Solver, Still, Tissue
+from simcore.scenario.held_parts import held_of
 from simcore.scenario.scenario import Scenario
 from simcore.tissue.breathing import BreathingMotion
 from simcore.tissue.model import Material, TissueModel
@@ -49,6 +49,7 @@ def insertion_of(scenario: Scenario, *, keeps_tissue: bool = True) -> Insertion:
         tolerances=allowed,
         entry_m=entry_m,
         dt_s=scenario.dt_s,
+        linearised=scenario.solver.mode == "linearised",
     )
     return Insertion(model, motion=breathing_motion(scenario.motion), keeps_tissue=keeps_tissue)
 
@@ -69,7 +70,8 @@ def line_coupling(
         inward = np.outer(channel.inward, channel.inward)
         compliance = across * (np.eye(3) - inward) + along * inward + mesh_deficit(tissue, channel, entry_m)
     share = tolerances.violation_m / tolerances.force_n
-    return LineCoupling(hard, compliance, scenario.interaction.tip == "free", share)
+    diameter_m = 1e-3 * scenario.needle.outer_diameter_mm
+    return LineCoupling(hard, compliance, scenario.interaction.tip == "free", diameter_m, share)
 
 
 def tissue_model(tissue: Tissue) -> TissueModel:
@@ -82,7 +84,7 @@ def tissue_model(tissue: Tissue) -> TissueModel:
         rayleigh_mass_per_s=tissue.rayleigh_mass_per_s,
         rayleigh_stiffness_s=tissue.rayleigh_stiffness_s,
     )
-    return TissueModel.of(mesh, held_nodes(mesh, tissue.fixed_faces, tissue.fixed_sets), material)
+    return TissueModel.of(mesh, held_of(tissue, mesh), material)
 
 
 def mesh_of(tissue: Tissue) -> Mesh:

@@ -10,12 +10,21 @@ from pydantic import Field, JsonValue, StringConstraints, field_validator, model
 from simcore.scenario.blocks import LEAST_SPACING_MM, MAXIMUM_STEPS, Block, Number, bounded
 
 KINDS = "ifem, elm, rigid, frozen, linear, neighbours, mlp, open_loop, replay or plugin"
+MAXIMUM_WRONG_POSES = 5_000  # that are described
 MAXIMUM_SETTINGS = 100_000  # characters of a plug-in's settings as JSON
 
 DELAY = bounded(
     0.0, 0.0, 1.0, "s from a command's making to its execution, a multiple of dt_s; the robot holds the last one [ours]"
 )
+DIRECTION_SPEED = bounded(
+    1000.0,
+    1.0,
+    1e5,
+    "largest speed that one singular direction of J may ask of the base, less for weak ones; rotations by the lever "
+    "arm: selectively damped least squares [ours; rule cited]",
+)
 
+BasePose = tuple[Number, Number, Number, Number, Number, Number, Number]
 Sha256 = Annotated[str, StringConstraints(pattern=r"^[0-9a-f]{64}$")]
 
 
@@ -54,14 +63,17 @@ class InverseFem(Block):
     gain: Number = bounded(1.0, 0.0, 2.0, "k of the three tip objectives [ours]")
     rcm_gain: Number = bounded(1.0, 0.0, 2.0, "k of the two remote-centre objectives; 0 = rows left out [ours]")
     rcm_weight: Number = bounded(
-        1.0, 0.0, 10.0, "weight of the two remote-centre rows, of J and of e; 0 = rows left out [ours]"
+        0.3,
+        0.0,
+        10.0,
+        "weight of the two remote-centre rows, of J and of e; 0 = rows left out [ours: chosen on exploratory runs]",
     )
     orientation: Literal["rcm", "axis"] = Field(
         default="rcm",
         description="rcm = by the remote-centre rows, axis = the base's axis through the entry, its position by the "
         "three tip rows alone; rcm_gain and rcm_weight then do nothing [ours]",
     )
-    damping: Number = bounded(0.05, 1e-4, 10.0, "d of J^T (J J^T + d^2 I)^-1, dimensionless [ours]")
+    direction_speed_mm_s: Number = DIRECTION_SPEED
     lever_arm_mm: Number = bounded(
         100.0, 1.0, 1000.0, "length that makes rotations comparable with translations [ours]"
     )
@@ -143,7 +155,7 @@ class FrozenJacobian(Block):
     kind: Literal["frozen"] = Field(default="frozen", description=KINDS)
     depth_mm: Number = bounded(80.0, 1.0, 1000.0, "depth at which J was taken, at most the path's [ours]")
     gain: Number = bounded(1.0, 0.0, 2.0, "k of the tip error [ours]")
-    damping: Number = bounded(0.05, 1e-4, 10.0, "d of J^T (J J^T + d^2 I)^-1, dimensionless [ours]")
+    direction_speed_mm_s: Number = DIRECTION_SPEED
     model: SeparateModel = Field(
         default=SeparateModel(), description="tissue of the insertion that J comes from [ours]"
     )
@@ -158,16 +170,38 @@ class OpenLoop(Block):
 
 
 class Replay(Block):
-    """Prescribed base poses, one a step, not filtered by the robot limits."""
+    """Prescribed base poses, one a step, not filtered by the robot limits: inline, or from a file for a long log."""
 
     kind: Literal["replay"] = Field(default="replay", description=KINDS)
-    poses: tuple[tuple[Number, Number, Number, Number, Number, Number, Number], ...] = Field(
+    poses: tuple[BasePose, ...] | None = Field(
+        default=None,
         min_length=1,
         max_length=MAXIMUM_STEPS,
         description="1 to 1000000 poses [x_mm, y_mm, z_mm, qw, qx, qy, qz] of the base: positions within +-10000, unit "
-        "quaternions; identity = needle along +z, tip at base + length z",
+        "quaternions; identity = needle along +z, tip at base + length z; null = those of poses_file [ours]",
+    )
+    poses_file: Annotated[str, StringConstraints(min_length=1, max_length=1000)] | None = Field(
+        default=None,
+        description="1 to 1000000 such poses: the 7 columns of a .npy array or of a .csv file; null = poses [ours]",
+    )
+    poses_sha256: Sha256 | None = Field(
+        default=None, description="SHA-256 of poses_file, 64 hexadecimal digits; null = that of the file now [ours]"
     )
     delay_s: Number = DELAY
+
+    @field_validator("poses", mode="before")
+    @classmethod
+    def _mostly_poses(cls, poses: Any) -> Any:
+        """A list of very many wrong poses is one error: to describe each would take half a minute for a megabyte."""
+        if isinstance(poses, list):
+            wrong = sum(not _looks_like_a_pose(pose) for pose in poses)
+            if wrong > MAXIMUM_WRONG_POSES:
+                raise ValueError(f"holds {wrong} items that are not 7 numbers")
+        return poses
+
+
+def _looks_like_a_pose(item: Any) -> bool:
+    return isinstance(item, list | tuple) and len(item) == 7 and all(type(value) in (float, int) for value in item)
 
 
 class Plugin(Block):

@@ -4,17 +4,27 @@ from __future__ import annotations
 
 from typing import Any
 
+import numpy as np
+
 from simcore import plugins
+from simcore.arrays import Floats
 from simcore.errors import Problem
 from simcore.scenario.blocks import StraightTrajectory
-from simcore.scenario.controller_blocks import Controller, Learned, Plugin
+from simcore.scenario.controller_blocks import Controller, Learned, Plugin, Replay
+from simcore.scenario.held_parts import held_faces_of
+from simcore.scenario.pose_file import digest_of_poses, fault_of_poses, load_poses
+from simcore.scenario.suggestions import did_you_mean
 
 CONDITIONS = ("dt_s", "tissue", "needle", "interaction", "motion")  # fields that a model was trained under
 NAMES = ("mesh_file",)  # of files, which their digests tell apart
 
 
-def with_model_digest(controller: Controller) -> Controller:
-    """A learned controller with the digest of its model, which has been read and checked. Raises ScenarioError."""
+def with_file_digest(controller: Controller) -> Controller:
+    """A controller with the digest of its model or of its poses, which have been read and checked. Raises
+    ScenarioError."""
+    if isinstance(controller, Replay) and controller.poses is None and controller.poses_file is not None:
+        found = digest_of_poses(controller.poses_file, controller.poses_sha256)
+        return controller.model_copy(update={"poses_sha256": found})
     if not isinstance(controller, Learned):
         return controller
     from simcore.learning import model_digest
@@ -23,15 +33,56 @@ def with_model_digest(controller: Controller) -> Controller:
     return controller.model_copy(update={"model_sha256": found})
 
 
+def poses_of(replay: Replay) -> Floats:
+    """(n, 7) x_mm, y_mm, z_mm, qw, qx, qy, qz of the base, one row a step."""
+    if replay.poses is not None:
+        return np.array(replay.poses)
+    assert replay.poses_file is not None
+    assert replay.poses_sha256 is not None
+    return load_poses(replay.poses_file, replay.poses_sha256)
+
+
+def pose_count(replay: Replay) -> int:
+    """How many poses there are, which is the number of steps; 0 without any."""
+    if replay.poses is not None:
+        return len(replay.poses)
+    return 0 if replay.poses_file is None else len(poses_of(replay))
+
+
+def pose_problems(controller: Controller) -> list[Problem]:
+    """Poses inline as well as from a file, neither, or one that is out of range."""
+    if not isinstance(controller, Replay):
+        return []
+    inline, name = controller.poses, controller.poses_file
+    if inline is None:
+        if name is None:
+            allowed = Replay.model_fields["poses"].description
+            message = f"is missing (allowed: {allowed}); or name a file of them in controller.poses_file"
+            return [Problem("controller.poses", None, message)]
+        return []
+    for field in ("poses_file", "poses_sha256"):
+        if (value := getattr(controller, field)) is not None:
+            return [Problem(f"controller.{field}", value, "must be left out: controller.poses is given too")]
+    wrong = fault_of_poses(np.array(inline))
+    if wrong is None:
+        return []
+    row, message = wrong
+    return [Problem(f"controller.poses[{row}]", list(inline[row]), message)]
+
+
 def plugin_problems(controller: Controller) -> list[Problem]:
-    """A plug-in that is not installed."""
+    """A plug-in that is not installed, or that this process cannot use as it is installed now."""
     if not isinstance(controller, Plugin):
         return []
     known = plugins.installed()
     if controller.name in known:
-        return []
+        problem = plugins.problem_of(controller.name)
+        return [] if problem is None else [Problem("controller.name", controller.name, problem)]
     there = f"installed: {', '.join(known)}" if known else "none is installed; see: needlebench example controller"
-    return [Problem("controller.name", controller.name, f"is no controller of the group {plugins.GROUP}; {there}")]
+    meant = did_you_mean(controller.name, known)
+    return [
+        Problem("controller.name", controller.name, f"is no controller of the group {plugins.GROUP}; {there}{meant}")
+    ]
 
 
 def training_warnings(controller: Controller, trajectory: StraightTrajectory, conditions: dict[str, Any]) -> list[str]:
@@ -57,6 +108,8 @@ def _block_differences(now: dict[str, Any], trained: dict[str, Any]) -> list[tup
     found = []
     for name, value in now.items():
         before = trained.get(name)
+        if name == "tissue" and isinstance(before, dict):
+            value, before = _with_held_faces(value), _with_held_faces(before)
         if name == "motion":
             value, before = value["kind"], (before or {}).get("kind", "none")
         if isinstance(value, dict) and isinstance(before, dict):
@@ -65,6 +118,12 @@ def _block_differences(now: dict[str, Any], trained: dict[str, Any]) -> list[tup
         elif before is not None and value != before:
             found.append((name, value, f"at {before}"))
     return found
+
+
+def _with_held_faces(tissue: dict[str, Any]) -> dict[str, Any]:
+    """A tissue as JSON data with the faces that null stands for."""
+    held = {"fixed_sets": [], "fixed_regions": [], **tissue}
+    return {**held, "fixed_faces": held_faces_of(held)}
 
 
 def _path_differences(path: StraightTrajectory, trained: dict[str, Any]) -> list[tuple[str, Any, str]]:

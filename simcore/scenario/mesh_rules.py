@@ -8,13 +8,15 @@ import numpy as np
 
 from simcore.arrays import Floats, Ints
 from simcore.errors import Problem, ScenarioError
-from simcore.mesh.numbering import free_node_order, half_bandwidth, held_nodes
+from simcore.mesh.numbering import free_node_order, half_bandwidth
 from simcore.mesh.reader import digest_of, load_mesh
 from simcore.mesh.tet_mesh import TetMesh
-from simcore.scenario.blocks import Tissue
+from simcore.scenario.blocks import StraightTrajectory, Tissue
+from simcore.scenario.held_parts import held_of, held_problems, nothing_held, region_problems
 from simcore.trajectory import Path
 
 ON_SURFACE_MM = 0.05  # how far the entry may be from the surface, and the path outside it
+ROUNDING_MM = 2e-6  # an entry so near to the surface is on it: it was put there before
 PATH_STEP_MM = 0.5  # between the points of the path that are looked at
 MAXIMUM_FACTOR_MB = 2000
 
@@ -23,33 +25,32 @@ def fields_of_mesh(tissue: Tissue) -> dict[str, Any]:
     """The fields of a tissue that its mesh file settles. Raises ScenarioError for a file that cannot be used."""
     path = tissue.mesh_file
     assert path is not None
+    if wrong := region_problems(tissue):
+        raise ScenarioError(wrong)
     sha256 = tissue.mesh_sha256 or digest_of(path)
     mesh = load_mesh(path, unit_mm=tissue.mesh_unit_mm, names=tissue.fixed_sets, sha256=sha256)
-    faces = tissue.fixed_faces
-    if tissue.fixed_sets and "fixed_faces" not in tissue.model_fields_set:
-        faces = ()
-    problems = _fixed_problems(mesh, tissue.model_copy(update={"fixed_faces": faces}))
+    problems = _fixed_problems(mesh, tissue)
     if problems:
         raise ScenarioError(problems)
     size = tuple(float(edge) for edge in np.round(1e3 * mesh.size_m, 6))
     element = round(1e3 * mesh.element_size_m, 6)
-    return {"mesh_sha256": sha256, "size_mm": size, "element_size_mm": element, "fixed_faces": faces}
+    return {"mesh_sha256": sha256, "size_mm": size, "element_size_mm": element}
 
 
 def _fixed_problems(mesh: TetMesh, tissue: Tissue) -> list[Problem]:
-    absent = [face for face in tissue.fixed_faces if face not in mesh.faces]
+    absent = [face for face in tissue.held_faces if face not in mesh.faces]
     if absent:
         flat = ", ".join(face for face in mesh.faces if face != "z_min") or "none"
-        allowed = f"is no flat side of the mesh's bounding box (flat: {flat}); name held nodes with tissue.fixed_sets"
+        allowed = (
+            f"is no flat side of the mesh's bounding box (flat: {flat}); "
+            "hold parts with tissue.fixed_sets or tissue.fixed_regions"
+        )
         return [Problem("tissue.fixed_faces", face, allowed) for face in absent]
-    if not tissue.fixed_faces and not tissue.fixed_sets:
-        return [Problem("tissue.fixed_sets", [], "must name at least one set, where tissue.fixed_faces names no face")]
-    held = held_nodes(mesh, tissue.fixed_faces, tissue.fixed_sets)
-    name, value = ("fixed_sets", tissue.fixed_sets) if tissue.fixed_sets else ("fixed_faces", tissue.fixed_faces)
-    if np.linalg.matrix_rank(mesh.nodes_m[held] - mesh.nodes_m[held[0]], tol=1e-6) < 2:
-        return [Problem(f"tissue.{name}", list(value), f"holds {len(held)} nodes; at least 3 not on a line are needed")]
-    if len(held) == len(mesh.nodes_m):
-        return [Problem(f"tissue.{name}", list(value), f"holds all {len(held)} nodes; at least one must be free")]
+    if problems := nothing_held(tissue):
+        return problems
+    held = held_of(tissue, mesh)
+    if problems := held_problems(tissue, mesh.nodes_m, held):
+        return problems
     return _factor_problems(mesh, tissue, held)
 
 
@@ -62,6 +63,19 @@ def _factor_problems(mesh: TetMesh, tissue: Tissue, held: Ints) -> list[Problem]
     return [Problem("tissue.mesh_file", tissue.mesh_file, allowed)]
 
 
+def snapped_entry_mm(tissue: Tissue, path: StraightTrajectory) -> tuple[float, float, float]:
+    """The point of the surface nearest to the entry, if it is no farther than entry_snap_mm; else the entry."""
+    assert tissue.mesh_file is not None
+    mesh = load_mesh(tissue.mesh_file, unit_mm=tissue.mesh_unit_mm, names=tissue.fixed_sets, sha256=tissue.mesh_sha256)
+    entry_m = np.array(path.entry_mm) * 1e-3
+    _, nearest = mesh.nearest_on_surface(entry_m)
+    apart_mm = 1e3 * float(np.linalg.norm(nearest - entry_m))
+    if not ROUNDING_MM < apart_mm <= path.entry_snap_mm:
+        return path.entry_mm
+    x, y, z = (round(1e3 * float(value), 6) + 0.0 for value in nearest)
+    return x, y, z
+
+
 def path_problems(tissue: Tissue, path: Path) -> list[Problem]:
     """The entry lies on the free surface, the path leads inwards and stays inside; lengths of the messages in mm."""
     assert tissue.mesh_file is not None
@@ -71,10 +85,11 @@ def path_problems(tissue: Tissue, path: Path) -> list[Problem]:
     apart = 1e3 * float(np.linalg.norm(nearest - path.entry_m))
     if apart > ON_SURFACE_MM:
         allowed = (
-            f"must lie on the mesh's surface within {ON_SURFACE_MM:g} mm; {_mm(nearest)} does, {apart:.3g} mm away"
+            f"must lie on the mesh's surface within {ON_SURFACE_MM:g} mm; {_mm(nearest)} does, {apart:.3g} mm away; "
+            "trajectory.entry_snap_mm moves it there"
         )
         return [Problem("trajectory.entry_mm", entry, allowed)]
-    if np.isin(mesh.surface_triangles[triangle], held_nodes(mesh, tissue.fixed_faces, tissue.fixed_sets)).all():
+    if np.isin(mesh.surface_triangles[triangle], held_of(tissue, mesh)).all():
         return [Problem("trajectory.entry_mm", entry, "must not lie on a held part of the surface")]
     inward = mesh.inward_normal(path.entry_m)
     if path.first_tangent() @ inward <= 0.0:

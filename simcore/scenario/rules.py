@@ -2,32 +2,33 @@
 
 from __future__ import annotations
 
-import copy
 import math
-from typing import Any
+from typing import TypeVar
 
 import numpy as np
 
 from simcore.errors import Problem
-from simcore.contact.line import LINE_RADIUS_OF_BALL
 from simcore.scenario.blocks import (
-    HARD_SPACING_MM,
     MAXIMUM_CELLS,
     MAXIMUM_STEPS,
     MINIMUM_DEPTH_MM,
-    SPACING_MM,
     STAND_OFF_MM,
     Breathing,
     Interaction,
     Needle,
     SineTrajectory,
+    Solver,
     Still,
     StraightTrajectory,
     Tissue,
 )
-from simcore.scenario.controller_blocks import Controller, FrozenJacobian, InverseFem, Replay, SeparateModel
-from simcore.scenario.controller_rules import plugin_problems
+from simcore.scenario.controller_blocks import Controller, InverseFem, Replay
+from simcore.scenario.controller_rules import plugin_problems, pose_count, pose_problems
+from simcore.scenario.held_parts import block_problems, nothing_held, region_problems
+from simcore.scenario.point_rules import point_problems, separate_model
 from simcore.trajectory import step_count
+
+AnyTrajectory = TypeVar("AnyTrajectory", bound=StraightTrajectory)
 
 
 def problems_between(
@@ -38,20 +39,23 @@ def problems_between(
     trajectory: StraightTrajectory,
     motion: Still | Breathing,
     controller: Controller,
+    solver: Solver,
     dt_s: float,
 ) -> list[Problem]:
     """All that is wrong between the fields of a scenario whose fields are each in range."""
     return [
-        *_needle_problems(needle, interaction, tissue),
+        *_needle_problems(needle),
+        *point_problems(needle, interaction, tissue, separate_model(controller)),
         *_tissue_problems(tissue),
         *(
             _path_problems(trajectory, tissue)
             or [*_length_problems(trajectory, needle), *_step_problems(steps_along(trajectory, controller, dt_s), dt_s)]
         ),
         *_motion_problems(motion),
-        *_pose_problems(controller),
+        *pose_problems(controller),
         *_delay_problems(controller, dt_s),
-        *_model_problems(controller, interaction, tissue),
+        *_derivative_problems(controller, solver),
+        *_model_problems(controller, tissue),
         *plugin_problems(controller),
     ]
 
@@ -59,7 +63,7 @@ def problems_between(
 def steps_along(trajectory: StraightTrajectory, controller: Controller, dt_s: float) -> int:
     """Number of steps: the replay's poses, or ceil(path length / (speed dt))."""
     if isinstance(controller, Replay):
-        return len(controller.poses)
+        return pose_count(controller)
     return step_count(trajectory.path().length_m, trajectory.speed_mm_s * 1e-3, dt_s)
 
 
@@ -77,91 +81,33 @@ def with_mesh(tissue: Tissue) -> Tissue:
     return tissue.model_copy(update=fields_of_mesh(tissue))
 
 
-def with_spacing(interaction: Interaction, tissue: Tissue) -> Interaction:
-    """The interaction with its derived spacing."""
-    if interaction.spacing_mm is not None:
-        return interaction
-    derived = derived_spacing_mm(line_compliance=interaction.line_compliance, element_mm=tissue.element_size_mm)
-    return interaction.model_copy(update={"spacing_mm": derived})
+def with_entry(trajectory: AnyTrajectory, tissue: Tissue) -> AnyTrajectory:
+    """The path from the surface of the mesh file, where its entry may be moved there."""
+    if tissue.mesh_file is None or trajectory.entry_snap_mm == 0.0:
+        return trajectory
+    from simcore.scenario.mesh_rules import snapped_entry_mm
+
+    return trajectory.model_copy(update={"entry_mm": snapped_entry_mm(tissue, trajectory)})
 
 
-def derived_spacing_mm(*, line_compliance: bool, element_mm: float) -> float:
-    """Rest distance of constraint points: 3 mm, of hard ones max(5 mm, element size), closer ones lock."""
-    return SPACING_MM if line_compliance else max(HARD_SPACING_MM, element_mm)
-
-
-def without_derived(resolved: dict[str, Any]) -> dict[str, Any]:
-    """Resolved scenario JSON as a start for changes: a spacing that is what it would be derived as is null again.
-
-    It loads to the same scenario, and with another element size to one whose rows of constraint points follow it.
-    """
-    data = copy.deepcopy(resolved)
-    interaction, model = data["interaction"], data["controller"].get("model")
-    hard = not interaction["line_compliance"]
-    if isinstance(model, dict) and model.get("spacing_mm") is not None:
-        derived = max(interaction["spacing_mm"], model["element_size_mm"] if hard else 0.0)
-        model["spacing_mm"] = None if model["spacing_mm"] == derived else model["spacing_mm"]
-    element_mm = data["tissue"]["element_size_mm"]
-    if interaction["spacing_mm"] == derived_spacing_mm(line_compliance=not hard, element_mm=element_mm):
-        interaction["spacing_mm"] = None
-    return data
-
-
-def separate_model(controller: Controller) -> SeparateModel | None:
-    """The tissue that the controller has for itself, if it has one."""
-    if isinstance(controller, InverseFem | FrozenJacobian) and isinstance(controller.model, SeparateModel):
-        return controller.model
-    return None
-
-
-def with_model_spacing(controller: Controller, interaction: Interaction, tissue: Tissue) -> Controller:
-    """The controller with the derived mesh and spacing of its separate model, if it has one."""
-    model = separate_model(controller)
-    return controller.model_copy(update={"model": _with_spacing(model, interaction, tissue)}) if model else controller
-
-
-def _needle_problems(needle: Needle, interaction: Interaction, tissue: Tissue) -> list[Problem]:
-    spacing = interaction.spacing_mm
+def _needle_problems(needle: Needle) -> list[Problem]:
     problems = []
     if needle.inner_diameter_mm >= needle.outer_diameter_mm:
         allowed = f"must be below needle.outer_diameter_mm = {needle.outer_diameter_mm:g}"
         problems.append(Problem("needle.inner_diameter_mm", needle.inner_diameter_mm, allowed))
-    least = 0.0 if interaction.line_compliance else max(HARD_SPACING_MM, tissue.element_size_mm)
-    if spacing is not None and spacing < least:
-        allowed = (
-            f"must be at least {least:g} without interaction.line_compliance (5 and tissue.element_size_mm), closer rows "
-            "lock; or null"
-        )
-        problems.append(Problem("interaction.spacing_mm", spacing, allowed))
-    return [*problems, *_spread_problems(needle, interaction)]
-
-
-def _spread_problems(needle: Needle, interaction: Interaction) -> list[Problem]:
-    """The ball is wider than the needle, where the line's compliance is the difference of both."""
-    spread = interaction.spread_mm
-    if not interaction.line_compliance:
-        return [Problem("interaction.spread_mm", spread, "must be 0 or 0.1 to 20")] if 0.0 < spread < 0.1 else []
-    least = 0.5 * needle.outer_diameter_mm / LINE_RADIUS_OF_BALL
-    if spread > least:
-        return []
-    allowed = (
-        f"must be above {least:.4g}, the needle's radius / {LINE_RADIUS_OF_BALL}, and at most 20; any from 0.1 and 0 "
-        "only with interaction.line_compliance = false"
-    )
-    return [Problem("interaction.spread_mm", spread, allowed)]
+    return problems
 
 
 def _tissue_problems(tissue: Tissue) -> list[Problem]:
-    problems = []
-    if len(set(tissue.fixed_faces)) < len(tissue.fixed_faces):
-        problems.append(Problem("tissue.fixed_faces", list(tissue.fixed_faces), "must name each face once"))
+    problems = region_problems(tissue)
+    if len(set(tissue.held_faces)) < len(tissue.held_faces):
+        problems.append(Problem("tissue.fixed_faces", list(tissue.held_faces), "must name each face once"))
     if tissue.mesh_file is not None:
         return problems
     if math.prod(tissue.cells) > MAXIMUM_CELLS:
         allowed = f"gives {math.prod(tissue.cells)} cells, at most {MAXIMUM_CELLS} are allowed"
         problems.append(Problem("tissue.element_size_mm", tissue.element_size_mm, allowed))
-    if not tissue.fixed_faces:
-        problems.append(Problem("tissue.fixed_faces", [], "must name at least one face"))
+    problems += nothing_held(tissue)
     for name, unset in (("fixed_sets", ()), ("mesh_unit_mm", 1.0), ("mesh_sha256", None)):
         value = getattr(tissue, name)
         if value != unset:
@@ -174,6 +120,9 @@ def _path_problems(path: StraightTrajectory, tissue: Tissue) -> list[Problem]:
     size = tissue.size_mm
     if tissue.mesh_file is not None:
         return _mesh_path_problems(path, tissue)
+    if path.entry_snap_mm != 0.0:
+        allowed = "must be 0: it belongs to tissue.mesh_file, which is not given"
+        return [Problem("trajectory.entry_snap_mm", path.entry_snap_mm, allowed)]
     x, y, z = path.entry_mm
     if z != 0.0 or not (0.0 < x < size[0] and 0.0 < y < size[1]):
         allowed = f"must lie on the face z = 0, inside 0 < x < {size[0]:g}, 0 < y < {size[1]:g}"
@@ -182,7 +131,7 @@ def _path_problems(path: StraightTrajectory, tissue: Tissue) -> list[Problem]:
     if not (0.0 < tx < size[0] and 0.0 < ty < size[1] and MINIMUM_DEPTH_MM <= tz <= size[2]):
         inside = f"0 < x < {size[0]:g}, 0 < y < {size[1]:g}, {MINIMUM_DEPTH_MM:g} <= z <= {size[2]:g}"
         return [Problem("trajectory.target_mm", list(path.target_mm), f"must lie below the entry, inside {inside}")]
-    return _overlay_problems(path, tissue)
+    return block_problems(tissue, path.entry_mm) or _overlay_problems(path, tissue)
 
 
 def _mesh_path_problems(path: StraightTrajectory, tissue: Tissue) -> list[Problem]:
@@ -243,24 +192,6 @@ def _motion_problems(motion: Still | Breathing) -> list[Problem]:
     return []
 
 
-def _pose_problems(controller: Controller) -> list[Problem]:
-    if not isinstance(controller, Replay):
-        return []
-    for i, pose in enumerate(controller.poses):
-        norm = math.hypot(*pose[3:])
-        if abs(norm - 1.0) > 1e-3:
-            return [
-                Problem(
-                    f"controller.poses[{i}]",
-                    list(pose),
-                    f"must hold a unit quaternion qw, qx, qy, qz; its norm is {norm:.6g}",
-                )
-            ]
-        if max(abs(c) for c in pose[:3]) > 10_000.0:
-            return [Problem(f"controller.poses[{i}]", list(pose), "must lie within +-10000 mm")]
-    return []
-
-
 def _delay_problems(controller: Controller, dt_s: float) -> list[Problem]:
     nearest_s = delay_steps(controller, dt_s) * dt_s
     if abs(controller.delay_s - nearest_s) <= 1e-6 * dt_s:
@@ -269,29 +200,35 @@ def _delay_problems(controller: Controller, dt_s: float) -> list[Problem]:
     return [Problem("controller.delay_s", controller.delay_s, allowed)]
 
 
-def _with_spacing(model: SeparateModel, interaction: Interaction, tissue: Tissue) -> SeparateModel:
-    if tissue.mesh_file is not None:
-        model = model.model_copy(update={"element_size_mm": tissue.element_size_mm})
-    if model.spacing_mm is not None:
-        return model
-    assert interaction.spacing_mm is not None
-    least = 0.0 if interaction.line_compliance else model.element_size_mm
-    return model.model_copy(update={"spacing_mm": max(interaction.spacing_mm, least)})
+def hold_problems(noise_hold_s: float | None, dt_s: float) -> list[Problem]:
+    """A time that noise is held for which is no multiple of the step."""
+    if noise_hold_s is None:
+        return []
+    nearest_s = max(1, round(noise_hold_s / dt_s)) * dt_s
+    if abs(noise_hold_s - nearest_s) <= 1e-6 * dt_s:
+        return []
+    allowed = f"must be a multiple of dt_s = {dt_s:g} s, at most 10 s; the nearest is {nearest_s:g}"
+    return [Problem("noise_hold_s", noise_hold_s, allowed)]
 
 
-def _model_problems(controller: Controller, interaction: Interaction, tissue: Tissue) -> list[Problem]:
+def _derivative_problems(controller: Controller, solver: Solver) -> list[Problem]:
+    """The exact Jacobian differentiates equations that a linearised step does not fulfil."""
+    if solver.mode == "converged" or not isinstance(controller, InverseFem):
+        return []
+    if (controller.jacobian, controller.derivative) != ("constraint", "exact"):
+        return []
+    allowed = "must be fast with solver.mode = linearised: it differentiates a converged step"
+    return [Problem("controller.derivative", controller.derivative, allowed)]
+
+
+def _model_problems(controller: Controller, tissue: Tissue) -> list[Problem]:
     model, problems = separate_model(controller), list[Problem]()
     if model is None:
         return problems
-    least = 0.0 if interaction.line_compliance else max(HARD_SPACING_MM, model.element_size_mm)
-    if model.spacing_mm is not None and model.spacing_mm < least:
-        allowed = (
-            f"must be at least {least:g} without interaction.line_compliance (5 and controller.model.element_size_mm), "
-            "closer rows lock"
-        )
-        problems.append(Problem("controller.model.spacing_mm", model.spacing_mm, allowed))
     cells = math.prod(tissue.model_copy(update={"element_size_mm": model.element_size_mm}).cells)
     if cells > MAXIMUM_CELLS and tissue.mesh_file is None:
         allowed = f"gives {cells} cells, at most {MAXIMUM_CELLS} are allowed"
         problems.append(Problem("controller.model.element_size_mm", model.element_size_mm, allowed))
+    if tissue.mesh_file is None:
+        problems += block_problems(tissue.model_copy(update={"element_size_mm": model.element_size_mm}), None)
     return problems

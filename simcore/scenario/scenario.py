@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 from typing import Annotated, Any, Literal, Self
 
 from pydantic import ConfigDict, Field, ValidationError, model_validator
@@ -47,15 +48,16 @@ from simcore.scenario.controller_blocks import (
     SharedModel,
     SmallNetwork,
 )
-from simcore.scenario.controller_rules import CONDITIONS, training_warnings, with_model_digest
+from simcore.scenario.controller_rules import CONDITIONS, training_warnings, with_file_digest
+from simcore.scenario.point_rules import separate_model, with_model_spacing, with_spacing
+from simcore.scenario.preset_data import PRESETS, unknown_preset
 from simcore.scenario.rules import (
     delay_steps,
+    hold_problems,
     problems_between,
-    separate_model,
     steps_along,
+    with_entry,
     with_mesh,
-    with_model_spacing,
-    with_spacing,
 )
 from simcore.scenario.validation import problems_of
 from simcore.trajectory import Path
@@ -92,6 +94,8 @@ __all__ = [
     "Tissue",
 ]
 
+SHORT_MM = 1.0  # a path so short was probably written in metres
+
 
 class Scenario(Block):
     """One insertion. `Scenario.load` turns any JSON value into one, or says what is wrong with it.
@@ -110,7 +114,17 @@ class Scenario(Block):
     seed: Annotated[int, Field(strict=True)] = Field(default=0, ge=0, le=2**53 - 1, description="0 to 2^53 - 1")
     dt_s: Number = bounded(0.01, 1e-4, 0.1, "time step [ours]")
     noise_mm: Number = bounded(
-        0.0, 0.0, 5.0, "uniform noise of the target per axis, redrawn every 10 ms [paper: 0.25 in training]"
+        0.0, 0.0, 5.0, "uniform noise of the target per axis, held for noise_hold_s [paper: 0.25 in training]"
+    )
+    noise_hold_s: Number | None = Field(
+        default=None,
+        ge=1e-4,
+        le=10.0,
+        description="s until the target noise is redrawn, a multiple of dt_s, 0.0001 to 10; null = 10 ms, which is "
+        "every step at the default dt_s, and every step where steps are longer [paper: every step; ours: its length]",
+    )
+    success_mm: Number = bounded(
+        2.0, 0.01, 50.0, "success needs the tip this near to the end of the path after the last step [ours]"
     )
     tissue: Tissue = Field(default=Tissue(), description="the soft block")
     needle: Needle = Field(default=Needle(), description="the flexible tube that the robot holds")
@@ -119,7 +133,7 @@ class Scenario(Block):
     motion: Motion = Field(default=Still(), description="how the held nodes of the tissue move")
     robot: Robot = Field(default=Robot(), description="speed limits of the needle's base")
     controller: Controller = Field(default=InverseFem(), description="what steers the base")
-    solver: Solver = Field(default=Solver(), description="when a step counts as converged")
+    solver: Solver = Field(default=Solver(), description="how a step is solved")
     recording: Recording = Field(default=Recording(), description="what is kept for looking at")
 
     @model_validator(mode="before")
@@ -137,9 +151,10 @@ class Scenario(Block):
         """Settle the derived fields, then check the rules between fields."""
         settle = object.__setattr__
         settle(self, "tissue", with_mesh(self.tissue))
+        settle(self, "trajectory", with_entry(self.trajectory, self.tissue))
         settle(self, "interaction", with_spacing(self.interaction, self.tissue))
         controller = with_model_spacing(self.controller, self.interaction, self.tissue)
-        settle(self, "controller", with_model_digest(controller))
+        settle(self, "controller", with_file_digest(controller))
         problems = problems_between(
             tissue=self.tissue,
             needle=self.needle,
@@ -147,21 +162,25 @@ class Scenario(Block):
             trajectory=self.trajectory,
             motion=self.motion,
             controller=self.controller,
+            solver=self.solver,
             dt_s=self.dt_s,
-        )
+        ) + hold_problems(self.noise_hold_s, self.dt_s)
         if problems:
             raise ScenarioError(problems)
         return self
 
     @classmethod
     def load(cls, data: Any) -> Scenario:
-        """Validate a JSON value (dict) or a JSON text. Raises ScenarioError, which names every wrong field.
+        """Validate a JSON value (dict), a JSON text, or the name of a built-in scenario. Raises ScenarioError, which
+        names every wrong field.
 
         Files that it names are looked up as `simcore.file_names` says at that moment.
         """
         try:
             if isinstance(data, bytes):
                 data = data.decode(json.detect_encoding(data))  # a redirected PowerShell writes UTF-16
+            if isinstance(data, str) and re.fullmatch(r"\s*[\w./\\:~ -]+\s*", data):
+                return cls._named(data.strip())
             text = data if isinstance(data, str) else json.dumps(data)
         except (TypeError, ValueError, RecursionError) as error:
             raise ScenarioError([Problem("scenario", type(data).__name__, f"is not JSON: {error}")]) from None
@@ -169,6 +188,14 @@ class Scenario(Block):
             return cls.model_validate_json(text)
         except ValidationError as error:
             raise ScenarioError(problems_of(error, cls, text)) from None
+
+    @classmethod
+    def _named(cls, name: str) -> Scenario:
+        """The built-in scenario of a name, which is neither an object nor a list as JSON."""
+        if name in PRESETS:
+            return cls.load({"name": name, **PRESETS[name][1]})
+        allowed = f"is not JSON, and {unknown_preset(name)}; for a file: Scenario.load(open(name).read())"
+        raise ScenarioError([Problem("scenario", name, allowed)])
 
     def resolved(self) -> dict[str, Any]:
         """Every field with its value, as JSON data."""
@@ -199,5 +226,7 @@ class Scenario(Block):
             for field, value in frictions.items()
             if value > 0.3
         ]
+        if (length_mm := 1e3 * self.path().length_m) < SHORT_MM:
+            far.append(f"trajectory.target_mm: the path is {length_mm:.3g} mm long; are its points in metres?")
         conditions = self.model_dump(mode="json", include=set(CONDITIONS))
         return [*far, *training_warnings(self.controller, self.trajectory, conditions)]

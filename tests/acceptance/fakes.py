@@ -93,7 +93,7 @@ def run_job(spec: dict[str, Any], artefact_dir: Path) -> dict[str, Any]:
     tip = np.arange(6.0).reshape(2, 3)
     np.savez(artefact_dir / "series.npz", t_s=np.array([0.0, np.nan]), tip_m=tip, tissue_rest_m=np.zeros((5, 3)))
     success = name in ("quick", "some seconds")
-    result = {"status": "completed", "metrics": {"success": success, "rmse_mm": 0.5, "bad": float("nan")}}
+    result = {"status": "completed", "metrics": {"success": success, "rmse_commanded_mm": 0.5, "bad": float("nan")}}
     (artefact_dir / "result.json").write_text(json.dumps({"status": "completed"}))
     return result
 

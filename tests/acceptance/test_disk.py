@@ -87,7 +87,7 @@ def test_a_full_disk_is_told_and_nothing_is_lost(small_disk: Path) -> None:
             assert (ended.error or {})["kind"] == "disk"
             assert "No space left" in (ended.error or {})["message"]
         later = server.client.submit({"name": "quick"}, priority=100)
-        assert server.client.wait(later.id, timeout_s=120).state == "succeeded"
+        assert server.client.wait(later.id, timeout_s=120).state == "finished"
         until(lambda: level(server, "database") == "ok")
     check_whole(small_disk / "needlebench.sqlite")
 
@@ -101,7 +101,7 @@ def test_no_job_is_begun_without_room_and_all_are_when_there_is(small_disk: Path
         assert "needlebench gc" in str(told["checks"])
         assert server.client.job(job.id).state == "queued"
         assert mount("-o", "remount,size=64m", str(small_disk))
-        assert server.client.wait(job.id, timeout_s=60).state == "succeeded"
+        assert server.client.wait(job.id, timeout_s=60).state == "finished"
         until(lambda: level(server, "disk") == "warn")
 
 
@@ -122,7 +122,7 @@ def test_no_job_is_begun_or_fails_without_room_for_files_and_all_are_begun_when_
         assert [server.client.job(job).state for job in jobs] == ["queued"] * 5
         for filler in fillers:
             filler.unlink(missing_ok=True)
-        assert [server.client.wait(job, timeout_s=60).state for job in jobs] == ["succeeded"] * 5
+        assert [server.client.wait(job, timeout_s=60).state for job in jobs] == ["finished"] * 5
         assert [server.client.job(job).attempt for job in jobs] == [1] * 5
 
 
@@ -153,7 +153,7 @@ def test_a_locked_database_is_told_and_a_running_job_goes_on(tmp_path: Path) -> 
         holder.close()
         until(lambda: server.client.job(job.id).progress.step > before.progress.step)
         assert server.client.job(job.id).attempt == 1
-        assert server.client.wait(server.client.submit({"name": "quick"}).id, timeout_s=60).state == "succeeded"
+        assert server.client.wait(server.client.submit({"name": "quick"}).id, timeout_s=60).state == "finished"
         server.client.cancel(job.id)
 
 

@@ -58,7 +58,7 @@ def test_who_comes_back_gets_what_was_missed_and_nothing_twice(server: Server) -
     first = next(server.client.events(job.id))
     until(lambda: server.client.job(job.id).terminal)
     rest = list(server.client.events(job.id, after=first.id or 0))
-    assert kinds([first, *rest]) == ["queued", "started", "crashed", "started", "succeeded"]
+    assert kinds([first, *rest]) == ["queued", "started", "crashed", "started", "finished"]
     crash = next(event for event in rest if event.kind == "crashed")
     assert "exit code 9" in (crash.data or {})["reason"]
 
@@ -75,7 +75,7 @@ def test_all_jobs_are_followed_in_one_stream(server: Server) -> None:
         for line in lines:
             if line.startswith("data: "):
                 found.append(httpx2.Response(200, content=line[6:].encode()).json())
-            if sum(one.get("kind") == "succeeded" for one in found) == 2:
+            if sum(one.get("kind") == "finished" for one in found) == 2:
                 break
     ids = [one["id"] for one in found if "id" in one]
     assert ids == sorted(set(ids))
@@ -83,7 +83,7 @@ def test_all_jobs_are_followed_in_one_stream(server: Server) -> None:
         assert [one["kind"] for one in found if one["job"] == job and "kind" in one] == [
             "queued",
             "started",
-            "succeeded",
+            "finished",
         ]
 
 
@@ -134,4 +134,4 @@ def test_a_job_that_ran_out_of_time_is_run_again(server: Server) -> None:
     assert server.client.wait(job.id, timeout_s=30).state == "timed_out"
     assert server.client.retry(job.id).state == "queued"
     done = server.client.wait(job.id, timeout_s=30)
-    assert (done.state, done.attempt, done.error) == ("succeeded", 2, None)
+    assert (done.state, done.attempt, done.error) == ("finished", 2, None)

@@ -31,8 +31,8 @@ def server(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Server]:
 def test_submit_wait_and_fetch(server: Server, tmp_path: Path) -> None:
     seen: list[JobStatus] = []
     done = server.client.wait(server.client.submit({"name": "quick"}).id, progress=seen.append)
-    assert (done.state, done.success, done.attempt) == ("succeeded", True, 1)
-    assert done.result == {"status": "completed", "metrics": {"success": True, "rmse_mm": 0.5, "bad": None}}
+    assert (done.state, done.success, done.attempt) == ("finished", True, 1)
+    assert done.result == {"status": "completed", "metrics": {"success": True, "rmse_commanded_mm": 0.5, "bad": None}}
     assert seen[-1] == done
     with np.load(server.client.series(done.id, tmp_path / "series.npz")) as series:
         assert series["tip_m"].shape == (2, 3)
@@ -96,13 +96,13 @@ def test_whatever_a_job_raises_or_returns_it_has_failed_and_its_slot_goes_on(
     (log,) = (file for file in server.client.artefacts(again[0]) if file["name"] == "job.log")
     assert 0 < log["bytes"] < 11 * 2**20
     after = [server.client.submit({"name": "quick"}).id for _ in range(2)]
-    assert [server.client.wait(job, timeout_s=30).state for job in after] == ["succeeded"] * 2
+    assert [server.client.wait(job, timeout_s=30).state for job in after] == ["finished"] * 2
     assert server.client.ready()["workers"] == 2
 
 
 def test_progress_that_cannot_be_encoded_is_left_out(server: Server) -> None:
     done = server.client.wait(server.client.submit({"name": "bad progress"}).id, timeout_s=30)
-    assert done.state == "succeeded"
+    assert done.state == "finished"
 
 
 def test_a_running_job_is_cancelled_and_its_worker_gone(server: Server) -> None:
@@ -170,7 +170,7 @@ def test_a_job_that_takes_too_much_memory_has_failed_and_the_other_goes_on(
         assert done.error["kind"] == "out_of_memory"
         assert "at most 700 are allowed" in done.error["message"]
         assert (server.client.job(other.id).attempt, server.worker_of(other)) == (1, pid)
-        assert server.client.wait(server.client.submit({"name": "quick"}).id).state == "succeeded"
+        assert server.client.wait(server.client.submit({"name": "quick"}).id).state == "finished"
 
 
 def test_a_worker_killed_while_idle_is_replaced(server: Server) -> None:
@@ -178,7 +178,7 @@ def test_a_worker_killed_while_idle_is_replaced(server: Server) -> None:
     done = server.client.wait(server.client.submit({"name": "quick"}).id)
     os.kill(server.worker_of(done), signal.SIGKILL)
     again = [server.client.submit({"name": "quick"}).id for _ in range(4)]
-    assert [server.client.wait(job).state for job in again] == ["succeeded"] * 4
+    assert [server.client.wait(job).state for job in again] == ["finished"] * 4
 
 
 def test_what_the_service_refuses_is_raised_with_its_problems(server: Server) -> None:

@@ -61,7 +61,7 @@ def test_a_model_is_trained_listed_steered_by_and_verified(tmp_path: Path, data:
             "controller": {"kind": "elm", "model": model.reference},
         }
         job = server.client.wait(server.client.submit(steer).id)
-        assert job.state == "succeeded", job.error
+        assert job.state == "finished", job.error
         assert server.client.verify(job.id).verdict == "identical"
         assert [one["id"] for one in server.client.model(model.id).raw["used_by"]] == [job.id]
         assert needlebench("uploads", "--pin", model.reference, "--url", server.url).exit_code == 0
@@ -89,11 +89,11 @@ def test_a_training_survives_the_death_of_the_server(tmp_path: Path, data: Path)
         server.stop(signal.SIGKILL)
     with running_server(tmp_path / "data", workers=1) as server:
         done = server.client.wait(job, timeout_s=120)
-        assert (done.state, done.attempt) == ("succeeded", 2)
+        assert (done.state, done.attempt) == ("finished", 2)
         trained = [model for model in server.client.models() if model.source == "trained"]
         assert [model.job for model in trained] == [job]
         kinds = [event.kind for event in server.client.events(job)]
-        assert kinds.count("succeeded") == 1
+        assert kinds.count("finished") == 1
         assert "crashed" in kinds
 
 

@@ -16,7 +16,7 @@ from tests.acceptance.server import running_server, until
 if TYPE_CHECKING:
     from pathlib import Path
 
-NAME = "lin100-v1-smoke"
+NAME = "lin100-v2-smoke"
 
 
 @pytest.mark.slow
@@ -27,12 +27,12 @@ def test_a_suite_runs_to_its_report_and_into_its_trend(tmp_path: Path) -> None:
         links = made["links"]
         assert (made["cases"], made["suite_sha256"]) == (len(cases), suite(NAME).sha256)
         until(lambda: http.get(links["self"]).json()["state"] == "done", patience_s=900, pause_s=0.5)
-        assert http.get(links["self"]).json()["jobs"] == {"succeeded": len(cases)}
+        assert http.get(links["self"]).json()["jobs"] == {"finished": len(cases)}
 
         lines = list(csv.DictReader(io.StringIO(http.get(f"{links['results']}?format=csv").text)))
         assert [line["id"] for line in lines] == sorted(case.id for case in cases)
         assert all(line["status"] == "completed" for line in lines if line["arm"] in ("ifem", "open_loop")), lines
-        assert all(float(line["rmse_mm"]) > 0 for line in lines if line["stable"] == "yes")
+        assert all(float(line["rmse_commanded_mm"]) > 0 for line in lines if line["stable"] == "yes")
         report = http.get(links["results"]).json()
         assert {score["arm"] for score in report["scores"]} == {case.labels["arm"] for case in cases}
         assert len(report["claims"]) == 9

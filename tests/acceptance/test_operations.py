@@ -40,11 +40,11 @@ def test_a_drain_lets_running_jobs_end_refuses_new_ones_and_keeps_the_queue(tmp_
         server.client.submit({"name": "quick"})
     assert refused.value.status == 503
     assert server.client.job(running.id).state == "running"
-    assert server.client.wait(running.id, timeout_s=50).state == "succeeded"
+    assert server.client.wait(running.id, timeout_s=50).state == "finished"
     assert server.ended() == 0
     with running_server(tmp_path) as again:
         done = again.client.wait(queued.id, timeout_s=60)
-        assert (done.state, done.attempt) == ("succeeded", 1)
+        assert (done.state, done.attempt) == ("finished", 1)
         assert again.client.job(running.id).attempt == 1
 
 
@@ -69,7 +69,7 @@ def test_a_monitor_sees_jobs_end_and_workers_being_replaced(tmp_path: Path) -> N
         server.client.cancel(job.id)
         server.client.wait(job.id, timeout_s=30)
         until(lambda: figure(server, "needlebench_worker_restarts_total") == 2)
-        assert figure(server, "needlebench_job_duration_seconds_count", state="succeeded") == 1
+        assert figure(server, "needlebench_job_duration_seconds_count", state="finished") == 1
         assert figure(server, "needlebench_job_duration_seconds_count", state="cancelled") == 1
         assert figure(server, "needlebench_jobs", state="cancelled") == 1
 
@@ -101,7 +101,7 @@ def test_one_job_is_pinned_shown_and_unpinned_from_the_command_line(tmp_path: Pa
         assert needlebench("pin", job, data=tmp_path).stdout == f"{job} is pinned\n"
         assert server.client.clear(max_bytes=0)["jobs"] == []
         events = needlebench("show", job, "--events", data=tmp_path).stdout.splitlines()
-        assert [line.split()[3] for line in events] == ["queued", "started", "succeeded", "pinned"]
+        assert [line.split()[3] for line in events] == ["queued", "started", "finished", "pinned"]
         assert "this is quick" in needlebench("show", job, "--log", data=tmp_path).stdout
         assert json.loads(needlebench("show", job, data=tmp_path).stdout)["pinned"] is True
         assert needlebench("unpin", job, data=tmp_path).returncode == 0

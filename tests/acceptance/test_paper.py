@@ -33,6 +33,8 @@ TINY = {
     "element_size_mm": 20.0,
     "dt_s": 0.05,
     "training": 3,
+    "retraining": 2,
+    "quiet": 1,
     "samples": 300,
     "seeds": 1,
     "lin": 2,
@@ -124,7 +126,7 @@ def check_report(folder: Path, insertions: int) -> None:
 @pytest.mark.slow
 def test_the_smoke_suite_run_twice_is_bit_identical(tmp_path: Path) -> None:
     wanted = {"lin-000-ifem", "lin-000-open_loop", "lin-noise-000-ifem", "cur-000+x-ifem", "cur-001-x-rigid"}
-    cases = resolve_cases([case for case in drafts("paper-v1-smoke") if case.id in wanted])
+    cases = resolve_cases([case for case in drafts("paper-v2-smoke") if case.id in wanted])
     assert len(cases) == len(wanted)
     with Crew(2, folder=tmp_path, files=tmp_path) as crew:
         runs = [{o.case.id: o.result for o in crew.run_many(order)} for order in (cases, cases[::-1])]
@@ -147,7 +149,7 @@ def content(folder: Path) -> dict[str, bytes]:
 
 def test_a_run_is_extended_to_another_scale_and_keeps_what_it_has(tmp_path: Path) -> None:
     folder = tmp_path / "run"
-    (case, *_) = resolve_cases([case for case in plan().stages[1].cases if case.id == "lin-000-ifem"])
+    (case, *_) = resolve_cases([case for case in plan().stages[2].cases if case.id == "lin-000-ifem"])
     with open_folder(folder, identity(plan())) as first:
         first.keep(Outcome(case, {"status": "completed", "provenance": {"scenario": case.scenario}}))
     for _ in range(2):
@@ -221,6 +223,26 @@ def test_a_full_disk_is_refused_before_anything_is_made(tmp_path: Path, monkeypa
     with pytest.raises(ScenarioError, match=r"--out = .*needs about \d+ MB and some to spare, 1 MB are free"):
         enough_space(plan(), tmp_path / "deep" / "run")
     assert not list(tmp_path.iterdir())
+
+
+def test_whatever_is_needed_is_looked_at_before_anything_is_made(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def refused(*more: str) -> str:
+        done = CliRunner().invoke(main, ["paper", "--scale", "smoke", "--out", str(tmp_path / "run"), *more])
+        assert done.exit_code in (1, 2)
+        assert not list(tmp_path.iterdir())
+        return done.stderr
+
+    with monkeypatch.context() as patch:
+        patch.setattr("service.local.paper_run.available_mb", lambda: 1000.0)
+        assert "--workers = 64: need about 22400 MB of memory, 1000 MB are available" in refused("--workers", "64")
+    with monkeypatch.context() as patch:
+        patch.setitem(sys.modules, "sklearn", None)
+        assert "training the mlp needs scikit-learn: pip install" in refused()
+    with monkeypatch.context() as patch:
+        patch.setattr(os, "access", lambda *_: False)
+        assert "is not writable for this user" in refused()
 
 
 # ---- the command

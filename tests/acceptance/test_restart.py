@@ -68,13 +68,13 @@ def test_a_job_that_fells_the_server_is_given_up_and_lets_the_others_run_first(t
         deaths.append(server.ended())
         server = Server(tmp_path, workers=1)
         if len(deaths) == SUSPECT_DEATHS:
-            until(lambda: server.client.job(other.id).state == "succeeded", pause_s=0.01)  # noqa: B023
+            until(lambda: server.client.job(other.id).state == "finished", pause_s=0.01)  # noqa: B023
     try:
         assert deaths == [-signal.SIGKILL] * MAXIMUM_DEATHS
         done = server.client.job(poison.id)
         assert (done.state, done.attempt) == ("failed", MAXIMUM_DEATHS)
         assert "the server died" in (done.error or {})["message"]
-        assert server.client.wait(server.client.submit({"name": "quick"}).id).state == "succeeded"
+        assert server.client.wait(server.client.submit({"name": "quick"}).id).state == "finished"
     finally:
         server.stop()
 
@@ -91,7 +91,7 @@ def test_a_job_that_fells_its_worker_is_given_up_after_three_attempts_across_res
         assert done.attempt in (3, 4)  # one attempt more where the stop came before the crash
         kinds = [event["kind"] for event in again.client._json("GET", f"/api/v1/jobs/{job.id}/events")["items"]]
         assert kinds.count("crashed") == 2
-        assert again.client.wait(again.client.submit({"name": "quick"}).id).state == "succeeded"
+        assert again.client.wait(again.client.submit({"name": "quick"}).id).state == "finished"
 
 
 def test_two_services_never_share_a_data_folder(tmp_path: Path) -> None:

@@ -56,7 +56,7 @@ def needlebench(*words: str, data: Path, **variables: str) -> subprocess.Complet
 
 def test_a_job_gives_bit_for_bit_what_a_run_in_this_process_gives(server: Server, tmp_path: Path) -> None:
     done = server.client.wait(server.client.submit(SHORT).id)
-    assert done.state == "succeeded", done.error
+    assert done.state == "finished", done.error
     assert done.result is not None
     rollout = run(Scenario.load(SHORT))
     assert done.result["digest"] == rollout.digest
@@ -141,7 +141,7 @@ def test_submit_wait_prints_metrics_and_ends_with_the_runs_code(server: Server, 
     done = needlebench("submit", str(file), "--wait", "--url", server.url, data=tmp_path)
     assert done.returncode == 0, done.stderr
     job_id = done.stdout.split()[0]
-    assert "rmse_mm" in done.stdout
+    assert "rmse_commanded_mm" in done.stdout
     assert f"{server.url}/recordings/{job_id}.rrd" in done.stdout
     stopped = {**SHORT, "solver": {"max_iterations": 1}}
     file.write_text(json.dumps(stopped))
@@ -149,7 +149,7 @@ def test_submit_wait_prints_metrics_and_ends_with_the_runs_code(server: Server, 
     listed = needlebench("jobs", "--url", server.url, data=tmp_path)
     assert job_id in listed.stdout
     shown = needlebench("show", job_id, "--url", server.url, data=tmp_path)
-    assert json.loads(shown.stdout)["state"] == "succeeded"
+    assert json.loads(shown.stdout)["state"] == "finished"
 
 
 def test_bad_input_and_no_service_have_their_codes(server: Server, tmp_path: Path) -> None:
@@ -169,7 +169,7 @@ def test_the_demo_ends_with_its_code_and_says_where_the_recording_is(tmp_path: P
     path = re.search(r"needlebench view (\S+\.rrd)", done.stdout)
     assert path is not None
     assert Path(path[1]).read_bytes()[:4] == b"RRF2"
-    assert "rmse_mm" in done.stdout
+    assert "rmse_commanded_mm" in done.stdout
 
 
 def test_the_demo_takes_the_next_port_and_stays_until_ctrl_c(tmp_path: Path) -> None:

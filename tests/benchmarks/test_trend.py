@@ -10,12 +10,12 @@ import pytest
 from benchmarks.trend import Loss, Mark, Point, judge, judge_all, lasting_losses
 
 CASES = [f"case-{i}" for i in range(12)]
-BASE = Point(0.0, "a", "cpu", dict.fromkeys(CASES, 0.1), dict.fromkeys(CASES, "d"), 12, 2.0)
+BASE = Point(0.0, "a", "cpu", dict.fromkeys(CASES, 0.1), dict.fromkeys(CASES, "d"), 12, 2.0, {})
 
 
 def shifted(by_mm: float, cases: list[str]) -> Point:
     errors = {case: 0.1 + (by_mm if case in cases else 0.0) for case in CASES}
-    return replace(BASE, rmse_mm=errors, digests={c: "e" if c in cases else "d" for c in CASES})
+    return replace(BASE, rmse_commanded_mm=errors, digests={c: "e" if c in cases else "d" for c in CASES})
 
 
 def test_the_first_run_is_no_regression() -> None:
@@ -39,7 +39,9 @@ def test_accuracy_is_judged_by_pairs(by_mm: float, cases: list[str], mark: Mark)
 
 
 def test_a_failure_is_worse_than_any_error_and_two_failures_are_a_tie() -> None:
-    failed = replace(BASE, rmse_mm=dict.fromkeys(CASES, math.inf), digests=dict.fromkeys(CASES, "e"), successes=0)
+    failed = replace(
+        BASE, rmse_commanded_mm=dict.fromkeys(CASES, math.inf), digests=dict.fromkeys(CASES, "e"), successes=0
+    )
     assert judge(failed, [BASE]).accuracy is Mark.WORSE
     assert judge(failed, [BASE]).success is Mark.WORSE
     assert judge(replace(failed, digests=dict.fromkeys(CASES, "f")), [failed]).accuracy is Mark.SAME
@@ -75,3 +77,12 @@ def test_half_of_a_loss_made_good_is_still_a_loss() -> None:
     steps = [12, 8, 10]
     history = [replace(BASE, successes=count) for count in steps]
     assert lasting_losses(history) == [Loss("success", 1, "10 of 12 succeeded, 12 before")]
+
+
+@pytest.mark.parametrize("broken", [math.nan, math.inf, -math.inf])
+def test_errors_that_are_no_numbers_never_win(broken: float) -> None:
+    odd = replace(BASE, rmse_commanded_mm=dict.fromkeys(CASES, broken), digests=dict.fromkeys(CASES, "e"))
+    assert judge(odd, [BASE]).accuracy is Mark.WORSE
+    assert judge(BASE, [odd]).accuracy is Mark.BETTER
+    assert judge(odd, [replace(odd, digests=dict.fromkeys(CASES, "f"))]).accuracy is Mark.SAME
+    assert odd.median_rmse_mm == math.inf

@@ -43,8 +43,8 @@ def page(browser: Browser, server: Server) -> Iterator[Page]:
 
 
 def ended(page: Page) -> None:
-    """Wait until the page says that its job succeeded, without being loaded again."""
-    page.locator("#job .state.succeeded").wait_for()
+    """Wait until the page says that its job finished, without being loaded again."""
+    page.locator("#job .state.finished").wait_for()
 
 
 def test_submit_from_the_form_and_follow_to_the_end(page: Page) -> None:
@@ -63,9 +63,9 @@ def test_submit_from_the_form_and_follow_to_the_end(page: Page) -> None:
     page.locator("#plot-error canvas").wait_for()
     page.locator("#plot-force canvas").wait_for()
     assert "at most" in (page.locator("#plot-error").get_attribute("aria-label") or "")
-    assert page.get_by_role("row", name=re.compile("rmse_mm")).count() == 1
+    assert page.get_by_role("row", name=re.compile("rmse_commanded_mm")).count() == 1
     assert page.get_by_role("link", name="series.npz").count() == 1
-    assert page.get_by_role("row", name=re.compile("succeeded")).count() == 1
+    assert page.get_by_role("row", name=re.compile("finished")).count() == 1
     page.get_by_label("over depth").check()
     page.locator("#plot-error", has_text="depth").wait_for()
 

@@ -41,7 +41,7 @@ def crashes(client: Client, job: JobStatus) -> int:
     """How many of the job's attempts ended with a death; its log must be that of one life."""
     kinds = Counter(event["kind"] for event in log_of(client, job.id))
     assert kinds["queued"] == 1
-    assert kinds["succeeded"] == 1, (job.id, kinds)
+    assert kinds["finished"] == 1, (job.id, kinds)
     assert kinds["started"] == job.attempt == 1 + kinds["crashed"] + kinds["requeued"], (job.id, kinds)
     return kinds["crashed"]
 

@@ -59,13 +59,13 @@ def test_a_campaign_of_short_jobs(
         used_s, asked = cpu_s(server.process.pid), time.monotonic()
         campaign = server.client.start_campaign({"scenario": scenario, "grid": {"seed": list(range(campaign_jobs))}})
         answered_s = time.monotonic() - asked
-        samples: list[tuple[int, float]] = []  # jobs that have succeeded, MB
+        samples: list[tuple[int, float]] = []  # jobs that have finished, MB
         pid = server.process.pid
         done = server.client.wait_campaign(
-            campaign.id, progress=lambda now: samples.append((now.jobs.get("succeeded", 0), Held.by(pid).memory_mb))
+            campaign.id, progress=lambda now: samples.append((now.jobs.get("finished", 0), Held.by(pid).memory_mb))
         )
         used_s = cpu_s(server.process.pid) - used_s
-        assert done.jobs["succeeded"] == sum(done.jobs.values()) == campaign_jobs
+        assert done.jobs["finished"] == sum(done.jobs.values()) == campaign_jobs
         _each_once(server.client, campaign_jobs)
         through = _pace(list(server.client.jobs()))
     after = _bare(tmp_path / "after", runner, half)
@@ -88,7 +88,7 @@ def _each_once(client: Client, jobs: int) -> None:
         if len(found) < _PAGE:
             break
     assert set(seen.values()) == {1}
-    assert Counter(kind for _, kind in seen) == {"queued": jobs, "started": jobs, "succeeded": jobs}
+    assert Counter(kind for _, kind in seen) == {"queued": jobs, "started": jobs, "finished": jobs}
 
 
 def _pace(jobs: list[Any]) -> float:

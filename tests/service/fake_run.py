@@ -62,7 +62,7 @@ class FakeRollout:
         """In the shape of result.json."""
         return {
             "status": self.status,
-            "metrics": {"stable": True, "success": self.success, "rmse_mm": 0.25, "final_error_mm": None},
+            "metrics": {"stable": True, "success": self.success, "rmse_commanded_mm": 0.25, "final_same_time_mm": None},
             "timing": {"plant_ms": {"median": 4.0, "p95": 6.0, "p99": 7.5, "max": 9.0}, "realtime_factor": 1.7},
             "solver": {"iterations_mean": 3.5},
             "digest": "0123456789abcdef" * 4,
@@ -92,7 +92,7 @@ class FakeRun:
         radius = scenario.needle.outer_diameter_mm * 0.5e-3
         path = self.path.curve(np.linspace(0, 1, 101))
         scene = Scene(
-            scenario, scenario.steps, self.nodes, self.tets, self.triangles, path, path[0], radius
+            scenario, scenario.steps, self.nodes, self.tets, self.triangles, np.array([0, 1]), path, path[0], radius
         )  # fmt: skip
         observer.begin(scene, self.record(0))
         for step in range(1, scenario.steps + 1):
@@ -115,7 +115,8 @@ class FakeRun:
             step, step * self.scenario.dt_s, v["base"], self.rotation, v["tip"], v["target"], v["noisy"],
             v["base"], self.rotation, step % 7 == 0, depth, v["force"], v["torque"], float(v["force"][2]),
             float(0.3 * error), 3 + step % 4, 10.0 ** (-6 - step % 3), 1e-9, 0.8,
-            float(np.abs(self.tissue - self.nodes).max()), self.shaft, self.points[:active], self.forces[:active],
+            v["target"], float(np.abs(self.tissue - self.nodes).max()), 0.1, 1e-3, 1e8,
+            self.shaft, self.points[:active], self.forces[:active],
             self.tissue if shown else None, StepTiming(4e-3 + 1e-5 * (step % 9), 2e-3, 1e-4),
         )  # fmt: skip
 

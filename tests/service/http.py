@@ -43,7 +43,7 @@ def finish_training(service: Service) -> Job:
     result = train_job({**(job.spec or {}), "job_id": job.id, "files": str(service.settings.uploads)}, folder)
     service.uploads.keep_made(folder / MODEL, job, result["model"])
     found = tuple(Artefact(**file, path=f"{job.folder}/{file['name']}") for file in describe(folder))
-    return service.store.finish(job, Outcome(state="succeeded", result=result, artefacts=found))
+    return service.store.finish(job, Outcome(state="finished", result=result, artefacts=found))
 
 
 def finish(service: Service, *, files: bool = True) -> Job:
@@ -58,5 +58,10 @@ def finish(service: Service, *, files: bool = True) -> Job:
         tip = np.arange(6.0).reshape(2, 3)
         np.savez(folder / "series.npz", t_s=np.array([0.0, np.nan]), tip_m=tip, tissue_rest_m=np.zeros((5, 3)))
     found = tuple(Artefact(**file, path=f"{job.folder}/{file['name']}") for file in describe(folder))
-    result = {"status": "completed", "metrics": {"success": True, "rmse_mm": 0.5}, "timing": {}, "digest": "ab"}
-    return service.store.finish(job, Outcome(state="succeeded", result=result, artefacts=found))
+    result = {
+        "status": "completed",
+        "metrics": {"success": True, "rmse_commanded_mm": 0.5},
+        "timing": {},
+        "digest": "ab",
+    }
+    return service.store.finish(job, Outcome(state="finished", result=result, artefacts=found))

@@ -9,8 +9,8 @@ from typing import TYPE_CHECKING, Any
 
 import pytest
 
-from simcore.errors import Status
-from simcore.metric_definitions import METRICS, SERIES, STATUSES, UNIT_OF_SUFFIX, UNITS
+from simcore.errors import STATUSES, Status
+from simcore.metric_definitions import METRICS, SERIES, UNIT_OF_SUFFIX, UNITS
 from simcore.rollout.rollout import run
 from tests.simcore.short_run import LINE, replay, short
 
@@ -31,7 +31,7 @@ def rollout(kind: str) -> Rollout:
     changes: dict[str, dict[str, Any]] = {
         "steered": {},
         "open loop": {"controller": {"kind": "open_loop"}, "trajectory": LINE},
-        "never punctured": {"controller": replay(AWAY[:1]), "noise_mm": 0.0},
+        "never punctured": {"controller": replay(AWAY[:1]), "noise_mm": 0.0, "interaction": {"puncture_n": 0.1}},
         "failed in its first step": {"controller": replay(TURNED)},
     }
     return run(short(**changes[kind]))
@@ -96,7 +96,7 @@ def test_ranges_are_ranges_and_say_what_lies_outside() -> None:
 
 def test_a_range_is_shown_as_text() -> None:
     shown = {metric.key: metric.sane_range for metric in METRICS}
-    assert shown["metrics.rmse_mm"] == "0 to 1"
+    assert shown["metrics.rmse_commanded_mm"] == "0 to 1"
     assert shown["metrics.stable"] == "1"
     assert shown["metrics.steps"] == "at least 1"
 
@@ -115,7 +115,7 @@ def test_built_in_scenarios_lie_in_the_sane_ranges(name: str) -> None:
         ]
 
     assert outside(name) == []
-    assert "metrics.rmse_mm" in outside("demo, open loop")
+    assert "metrics.rmse_commanded_mm" in outside("demo, open loop")
 
 
 def test_every_status_is_described() -> None:

@@ -9,6 +9,7 @@ from starlette.datastructures import Headers, MutableHeaders
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
 from service.access import SAFE_METHODS
+from service.api.problem_codes import CODES
 from service.api.problems import problem_response
 from service.settings import is_loopback
 
@@ -37,30 +38,33 @@ class HostGuard:
 
         async def with_headers(message: Message) -> None:
             if message["type"] == "http.response.start":
-                MutableHeaders(scope=message).update(_HEADERS)
+                headers = MutableHeaders(scope=message)
+                headers.update(_HEADERS)
+                headers.setdefault("Cache-Control", "no-store")
             await send(message)
 
-        refusal = _size_refusal(scope) or self._refusal(scope["method"], Headers(scope=scope))
+        refusal = _size_refusal(scope) or _host_refusal(scope) or self._refusal(scope["method"], Headers(scope=scope))
         if refusal is None:
             await self._app(scope, receive, with_headers)
             return
-        status, detail = refusal
-        await problem_response(status, detail, instance=scope["path"][:200])(scope, receive, with_headers)
+        code, detail = refusal
+        answer = problem_response(CODES[code][0], detail, instance=scope["path"][:200], code=code)
+        await answer(scope, receive, with_headers)
 
-    def _refusal(self, method: str, headers: Headers) -> tuple[int, str] | None:
+    def _refusal(self, method: str, headers: Headers) -> tuple[str, str] | None:
         host = headers.get("host", "")
         if self._loopback and not is_loopback(_host_name(f"//{host}")):
-            return 421, f"the Host header {host[:100]!r} is not a name of this machine, such as localhost"
+            return "host-foreign", f"the Host header {host[:100]!r} is not a name of this machine, such as localhost"
         site = headers.get("sec-fetch-site", "none")
         if method in SAFE_METHODS:
             if site == "cross-site" and headers.get("sec-fetch-mode") != "navigate":
-                return 403, "a page from another origin may not read this"
+                return "origin-foreign", "a page from another origin may not read this"
             return None
         origin = headers.get("origin")
         if origin is not None and not same_origin(headers):
-            return 403, f"a page from {origin[:100]!r} may not change anything here"
+            return "origin-foreign", f"a page from {origin[:100]!r} may not change anything here"
         if origin is None and site not in ("none", "same-origin"):
-            return 403, "a page from another origin may not change anything here"
+            return "origin-foreign", "a page from another origin may not change anything here"
         return None
 
 
@@ -70,11 +74,19 @@ def same_origin(headers: Mapping[str, str]) -> bool:
     return bool(origin) and origin == headers.get("host", "").lower()
 
 
-def _size_refusal(scope: Scope) -> tuple[int, str] | None:
+def _size_refusal(scope: Scope) -> tuple[str, str] | None:
     if len(scope.get("raw_path") or b"") + len(scope["query_string"]) > MAXIMUM_URL_BYTES:
-        return 414, f"the address is longer than {MAXIMUM_URL_BYTES} bytes"
+        return "address-too-long", f"the address is longer than {MAXIMUM_URL_BYTES} bytes"
     if sum(len(name) + len(value) for name, value in scope["headers"]) > MAXIMUM_HEADER_BYTES:
-        return 431, f"the headers are longer than {MAXIMUM_HEADER_BYTES} bytes"
+        return "headers-too-long", f"the headers are longer than {MAXIMUM_HEADER_BYTES} bytes"
+    return None
+
+
+def _host_refusal(scope: Scope) -> tuple[str, str] | None:
+    """One Host header, as HTTP asks for (RFC 9112, 3.2): with two, each program on the way may believe another."""
+    hosts = sum(name == b"host" for name, _ in scope["headers"])
+    if hosts > 1 or (hosts == 0 and scope["http_version"] != "1.0"):
+        return "bad-host", f"the request has {hosts} Host headers, it must have one"
     return None
 
 

@@ -18,11 +18,22 @@ from service.api.problems import database_refusal, problem_response
 from service.store.errors import OperationalError
 from service.store.keys import Keys
 
+PEER = "needlebench.peer"  # in the scope of a request: says whether the service's own account is at the other end
 _OF_EVERY_SCOPE = frozenset({"/logout"})
 _NO_KEY = (
     "this service requires a key: send it as Authorization: Bearer KEY, or log in at /login; "
     "commands and scripts of needlebench take it from NEEDLEBENCH_API_KEY"
 )
+_NO_ACCOUNT = (
+    "this service has no keys and serves the account that started it alone, and this system does not say which "
+    "account is asking: send the token in endpoint.json of its data folder as Authorization: Bearer TOKEN, or log in "
+    "with it at /login; needlebench's own commands do so"
+)
+_FOREIGN = (
+    "this service has no keys and serves the account of this machine that started it alone; its owner can make you a "
+    "key: needlebench key create"
+)
+_BEARER = {"WWW-Authenticate": 'Bearer realm="needlebench"'}
 
 
 class KeyGuard:
@@ -41,24 +52,34 @@ class KeyGuard:
         request = Request(scope)
         try:
             caller = await self._caller(request)
+            answer = self._refused(request, caller) if not isinstance(caller, Response) else caller
         except OperationalError as error:
             await database_refusal(request, error)(scope, receive, send)
             return
-        answer = self._refused(request, caller)
         if answer is not None:
             await answer(scope, receive, send)
             return
         scope.setdefault("state", {})["caller"] = caller
         await self._app(scope, receive, send)
 
-    async def _caller(self, request: Request) -> Caller | None:
-        """Who is calling; None = unknown. Only a lookup takes a thread: a health check never waits for one."""
+    async def _caller(self, request: Request) -> Caller | Response | None:
+        """Who is calling; None = unknown, a response where no key would help.
+
+        Only a lookup takes a thread: a health check never waits for one.
+        """
         if request.url.path in OPEN_PATHS:
             return Caller(key_id=None, scope=READ)
         wanted = self._keys.wanted_lately
         if wanted is None:
             wanted = await run_in_threadpool(self._keys.wanted)
-        return await run_in_threadpool(self._known, request) if wanted else Caller(key_id=None, scope=ADMIN)
+        return await run_in_threadpool(self._known if wanted else self._local, request)
+
+    def _local(self, request: Request) -> Caller | Response:
+        """Where no key is required: the account of the service, or whoever has the token of its data folder."""
+        peer = request.scope.get(PEER)
+        own = True if peer is None else peer()  # without a connection, within this process
+        caller = Caller(key_id=None, scope=ADMIN) if own else self._known(request)
+        return caller or _stranger(request, own)
 
     def _known(self, request: Request) -> Caller | None:
         """The owner of the key. A Bearer header, right or wrong, comes before the cookie."""
@@ -73,24 +94,37 @@ class KeyGuard:
         if caller is None:
             return _unknown(request)
         if caller.by_cookie and method not in SAFE_METHODS and not same_origin(request.headers):
-            return problem_response(
-                403, "a browser that is logged in can change things only from the service's own pages", instance=path
-            )
+            detail = "a browser that is logged in can change things only from the service's own pages"
+            return problem_response(403, detail, instance=path, code="origin-foreign")
         need = scope_of(method)
         if path not in OPEN_PATHS | _OF_EVERY_SCOPE and not caller.may(need):
             return problem_response(403, refusal(caller.scope, need, f"{method} {path[:100]}"), instance=path)
         wait_s = 0.0 if caller.key_id is None else self._rate.wait_s(caller.key_id)
         if wait_s:
             headers = {"Retry-After": str(math.ceil(wait_s))}
-            return problem_response(429, "too many requests with this key", instance=path, headers=headers)
+            detail = "too many requests with this key"
+            return problem_response(429, detail, instance=path, headers=headers, code="rate-exceeded")
         return None
+
+
+def _stranger(request: Request, own: bool | None) -> Response:
+    """The refusal of another account of this machine, or of one that the system does not tell."""
+    path = request.url.path
+    if own is None:
+        if request.method == "GET" and "text/html" in request.headers.get("accept", ""):
+            return _to_login(request)
+        return problem_response(401, _NO_ACCOUNT, instance=path, headers=_BEARER, code="account-unknown")
+    return problem_response(403, _FOREIGN, instance=path, code="account-foreign")
+
+
+def _to_login(request: Request) -> Response:
+    wanted = request.url.path + (f"?{request.url.query}" if request.url.query else "")
+    return RedirectResponse(f"/login?next={quote(wanted, safe='')}", status_code=303)
 
 
 def _unknown(request: Request) -> Response:
     """A browser is sent to the login page, everything else gets 401."""
     path = request.url.path
     if request.method == "GET" and "text/html" in request.headers.get("accept", ""):
-        wanted = path + (f"?{request.url.query}" if request.url.query else "")
-        return RedirectResponse(f"/login?next={quote(wanted, safe='')}", status_code=303)
-    headers = {"WWW-Authenticate": 'Bearer realm="needlebench"'}
-    return problem_response(401, _NO_KEY, instance=path, headers=headers)
+        return _to_login(request)
+    return problem_response(401, _NO_KEY, instance=path, headers=_BEARER)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import shutil
 from typing import Annotated
 
-from fastapi import APIRouter, Query, Response, status
+from fastapi import APIRouter, Query, Request, Response, status
 
 from benchmarks.paper.suites import suite_names
 from benchmarks.paper.table import insertions_csv, rows
@@ -65,17 +65,19 @@ def list_suites() -> SuiteList:
 def create_campaign(
     body: CampaignRequest,
     service: ServiceOf,
+    request: Request,
     response: Response,
     dry_run: Annotated[bool, Query(description="Only say how many jobs and how much time it would take.")] = False,
 ) -> CampaignView | CampaignDryRun:
     """Queue every insertion of a suite or of a grid; all of them or none. They run when no single job waits."""
     service.refuse_when_closing()
+    request.state.caller.require_priority(body.priority)
     plan = service.planner.plan(body)
     if dry_run:
         response.status_code = status.HTTP_200_OK
         seconds = estimated_time_s(plan, step_s=service.store.step_s(), workers=service.settings.workers)
         return CampaignDryRun.of(plan, seconds=seconds)
-    campaign = service.campaigns.create(plan)
+    campaign = service.campaigns.create(plan, owner=request.state.caller.key_id)
     service.engine.wake()
     response.headers["Location"] = f"/api/v1/campaigns/{campaign.id}"
     return _view(service, campaign)
@@ -126,7 +128,7 @@ def cancel_campaign(campaign_id: CampaignId, service: ServiceOf) -> CampaignView
     responses=documented(403, 404, 409),
 )
 def delete_campaign(campaign_id: CampaignId, service: ServiceOf) -> None:
-    """Forget the campaign with all of its jobs, results and files."""
+    """Forget the campaign with all of its jobs, results and files; not while one of them is pinned or has not ended."""
     for job_id in service.campaigns.delete(campaign_id):
         shutil.rmtree(service.settings.jobs / job_id, ignore_errors=True)
 
@@ -137,10 +139,18 @@ def delete_campaign(campaign_id: CampaignId, service: ServiceOf) -> None:
     summary="List the insertions of a campaign",
     responses=documented(404),
 )
-def list_campaign_jobs(campaign_id: CampaignId, service: ServiceOf) -> CampaignCaseList:
-    """Every case with its job and its result so far."""
-    results = [CaseResult.of(case) for case in service.campaigns.cases(campaign_id)]
-    return CampaignCaseList(items=[CampaignCaseView.of(row) for row in results])
+def list_campaign_jobs(
+    campaign_id: CampaignId,
+    service: ServiceOf,
+    limit: Annotated[int, Query(ge=1, le=100_000, description="Most items of the page.")] = 10_000,
+    cursor: Cursor = None,
+) -> CampaignCaseList:
+    """Cases with their jobs and their results so far."""
+    first = int(cursor or 0)
+    found = service.campaigns.cases(campaign_id, first=first, limit=limit + 1)
+    following = str(found[limit].number) if len(found) > limit else None
+    results = [CaseResult.of(case) for case in found[:limit]]
+    return CampaignCaseList(items=[CampaignCaseView.of(row) for row in results], next_cursor=following)
 
 
 @router.get(

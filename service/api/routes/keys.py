@@ -36,7 +36,8 @@ def create_key(body: KeyRequest, service: ServiceOf, request: Request, response:
     """The answer holds the key itself, which is not shown again. The first key locks the service, so it is created by
     `needlebench key create` on the machine of the service."""
     if request.state.caller.key_id is None:
-        raise HttpError(409, "no key is required yet: create the first with needlebench key create --scope admin")
+        detail = "no key is required yet: create the first with needlebench key create --scope admin"
+        raise HttpError(409, detail, code="first-key")
     key, text = service.keys.create(scope=body.scope, note=body.note)
     response.headers["Location"] = f"/api/v1/keys/{key.id}"
     response.headers["Cache-Control"] = "no-store"

@@ -11,11 +11,11 @@ from service.admission.training_request import STEPS, TrainRequest, check_traini
 from service.api.context import ServiceOf
 from service.api.idempotency import IdempotencyKey, own_key
 from service.api.openapi import documented
-from service.api.parameters import ModelId
-from service.api.problems import HttpError
+from service.api.parameters import Cursor, ModelId
 from service.api.routes.jobs import LOCATION
 from service.api.schemas.jobs import JobSummary, JobView
 from service.api.schemas.models import JOBS_SHOWN, ControllerInfo, ControllerList, ModelDetail, ModelList, ModelView
+from service.api.served_file import served_file
 from service.files.upload_names import SCHEME
 from service.store.job import TRAINING, content_hash
 from service.store.uploads import Upload
@@ -31,10 +31,12 @@ _JSON = {"application/json": {"schema": {"type": "object"}}}
 def list_models(
     service: ServiceOf,
     limit: Annotated[int, Query(ge=1, le=1000, description="Most uploaded and trained ones in the list.")] = 100,
+    cursor: Cursor = None,
 ) -> ModelList:
     """Those that were trained or uploaded here, newest first, then the bundled ones. To steer by one, a scenario sets
     `controller.kind` to its `kind` and `controller.model` to its `reference`."""
-    return ModelList(items=[ModelView.of(model) for model in service.models.all(limit=limit)])
+    page = service.models.page(size=limit, cursor=cursor)
+    return ModelList(items=[ModelView.of(model) for model in page.items], next_cursor=page.next_cursor)
 
 
 @router.post(
@@ -53,8 +55,9 @@ def train_model(
     idempotency_key: IdempotencyKey = None,
 ) -> JobView:
     """Queue a job that learns from an uploaded data set, as `needlebench train` does. Its model is listed once the job
-    has succeeded; the same request gives the same model, to the last bit."""
+    has finished; the same request gives the same model, to the last bit."""
     service.refuse_when_closing()
+    request.state.caller.require_priority(body.priority)
     training = body.resolved()
     data = _data(service.uploads.find(body.data.removeprefix(SCHEME)), body.data)
     check_training(training, data, service.settings.limits)
@@ -98,15 +101,19 @@ def get_model(model_id: ModelId, service: ServiceOf) -> ModelDetail:
     operation_id="get_model_content",
     summary="The file of a model",
     response_class=FileResponse,
-    responses={200: {"content": _JSON}, **documented(400, 404, 416)},
+    responses={200: {"content": _JSON}, **documented(400, 404, 410, 416)},
 )
-def get_model_content(model_id: ModelId, service: ServiceOf) -> Response:
+def get_model_content(model_id: ModelId, service: ServiceOf, request: Request) -> Response:
     """As `controller.model` takes it on the command line."""
     model = service.models.get(model_id)
-    if not model.path.is_file():
-        raise HttpError(404, f"{model_id} is no longer in the data folder")
-    headers = {"ETag": f'"{model.sha256}"', "Cache-Control": "no-cache"}
-    return FileResponse(model.path, media_type="application/json", filename=model.name, headers=headers)
+    return served_file(
+        request,
+        model.path,
+        sha256=model.sha256,
+        size=model.bytes,
+        media_type="application/json",
+        filename=model.name,
+    )
 
 
 @router.get("/controllers", operation_id="list_controllers", summary="Kinds of controllers", responses=documented())

@@ -12,15 +12,16 @@ from fastapi import APIRouter, Header, Query, Request, Response
 from starlette.concurrency import run_in_threadpool
 from starlette.responses import FileResponse, PlainTextResponse, StreamingResponse
 
-from service.api.context import Service, ServiceOf, etag_matches
+from service.api.context import Service, ServiceOf
 from service.api.file_tail import tail
 from service.api.openapi import documented
 from service.api.parameters import JobId
 from service.api.problems import HttpError
 from service.api.schemas.jobs import ArtefactList, ArtefactView, MetricsView
+from service.api.served_file import check_intact, served_file
 from service.files import series_formats as series
 from service.logs import LOG
-from service.store.job import INSERTION, SUCCEEDED, Artefact, Job
+from service.store.job import FINISHED, INSERTION, Artefact, Job
 from simcore.errors import Problem
 
 router = APIRouter()
@@ -68,12 +69,13 @@ def get_metrics(job_id: JobId, service: ServiceOf) -> MetricsView:
                 NPZ: _BINARY,
             },
         },
-        **documented(400, 404, 409, 416),
+        **documented(400, 404, 409, 410, 416),
     },
 )
 def get_series(
     job_id: JobId,
     service: ServiceOf,
+    request: Request,
     format: Annotated[Literal["json", "csv", "npz"] | None, Query(description="Default: by Accept, else json.")] = None,
     names: Annotated[
         str | None,
@@ -84,15 +86,18 @@ def get_series(
     """As JSON or CSV, the arrays with one row per step; as npz the whole file, tissue frames included."""
     _finished(service.store.get_summary(job_id))
     artefact = _artefact(service, job_id, "series.npz")
-    path = _path(service, artefact)
     wanted = format or _accepted(accept)
     if wanted == "npz":
-        return FileResponse(path, media_type=NPZ, filename=f"{job_id}-series.npz", headers=_tag(artefact))
+        return _served(request, service, artefact, media_type=NPZ, filename=f"{job_id}-series.npz")
+    path = service.settings.data / artefact.path
+    check_intact(path, sha256=artefact.sha256, size=artefact.bytes, name=artefact.name)
     try:
         arrays = series.load(path, names.split(",") if names else None)
         if wanted == "csv":
             return Response(series.as_csv(arrays), media_type="text/csv")
         return Response(series.as_json(arrays), media_type="application/json")
+    except series.DamagedSeriesError as error:
+        raise HttpError(404, f"series.npz of job {job_id} {error}") from None
     except ValueError as error:
         raise HttpError(422, str(error), errors=[Problem("names", names, str(error))]) from None
 
@@ -125,15 +130,14 @@ def list_artefacts(job_id: JobId, service: ServiceOf) -> ArtefactList:
     summary="One file of a job",
     tags=["results"],
     response_class=FileResponse,
-    responses={200: {"content": {"application/octet-stream": _BINARY}}, **documented(400, 404, 416)},
+    responses={200: {"content": {"application/octet-stream": _BINARY}}, **documented(400, 404, 410, 416)},
 )
-def get_artefact(job_id: JobId, name: str, service: ServiceOf) -> Response:
+def get_artefact(job_id: JobId, name: str, service: ServiceOf, request: Request) -> Response:
     """The file as the job wrote it; its name is one of the list of artefacts."""
     service.store.get_summary(job_id)
     artefact = _artefact(service, job_id, name)
     media_type = "application/json" if artefact.name.endswith(".json") else "application/octet-stream"
-    path = _path(service, artefact)
-    return FileResponse(path, media_type=media_type, filename=artefact.name, headers=_tag(artefact))
+    return _served(request, service, artefact, media_type=media_type, filename=artefact.name)
 
 
 @router.get(
@@ -157,7 +161,7 @@ def get_log(
             file.seek(max(0, file.seek(0, os.SEEK_END) - _LOG_BYTES))
             text = file.read(_LOG_BYTES)
     except OSError:
-        raise HttpError(404, f"attempt {wanted.attempt} of job {job_id} left no log") from None
+        raise HttpError(404, f"attempt {wanted.attempt} of job {job_id} left no log", code="result-absent") from None
     return PlainTextResponse(text.decode(errors="replace"), headers={"Cache-Control": "no-cache"})
 
 
@@ -171,28 +175,25 @@ def get_log(
         200: {"description": "The whole file, or a running job's as it grows.", "content": {RRD: _BINARY}},
         206: {"description": "A range of a complete file.", "content": {RRD: _BINARY}},
         304: {"description": "Unchanged."},
-        **documented(400, 404, 416),
+        **documented(400, 404, 410, 416),
     },
 )
 async def get_recording(
     job_id: JobId,
     service: ServiceOf,
     request: Request,
-    if_none_match: Annotated[str | None, Header()] = None,
 ) -> Response:
     """The complete file once the job has ended; before that, a response that follows the growing file and ends with
     the job. Open either in the Rerun viewer."""
     job = await run_in_threadpool(service.store.get, job_id)
     if job.kind != INSERTION:
-        raise HttpError(404, f"job {job_id} is a {job.kind}: it has no recording")
+        raise HttpError(404, f"job {job_id} is a {job.kind}: it has no recording", code="result-absent")
     if not (job.spec or {})["scenario"]["recording"]["enabled"]:
-        raise HttpError(404, f"job {job_id} was submitted with recording.enabled = false")
+        raise HttpError(404, f"job {job_id} was submitted with recording.enabled = false", code="result-absent")
     if not job.terminal:
         return StreamingResponse(_live(service, request, job), media_type=RRD, headers={"Cache-Control": "no-store"})
     artefact = await run_in_threadpool(_artefact, service, job_id, "recording.rrd")
-    if etag_matches(if_none_match, _tag(artefact)["ETag"]):
-        return Response(status_code=304, headers=_tag(artefact))
-    return FileResponse(_path(service, artefact), media_type=RRD, headers=_tag(artefact))
+    return await run_in_threadpool(_served, request, service, artefact, media_type=RRD)
 
 
 def _live(service: Service, request: Request, job: Job) -> AsyncIterator[bytes]:
@@ -204,26 +205,29 @@ def _live(service: Service, request: Request, job: Job) -> AsyncIterator[bytes]:
 
 def _finished(job: Job) -> Job:
     """The job, if it has a result."""
-    if job.state == SUCCEEDED:
+    if job.state == FINISHED:
         return job
     if job.terminal:
-        raise HttpError(404, f"job {job.id} is {job.state}: it has no result")
-    raise HttpError(409, f"job {job.id} is {job.state}: it has no result yet", headers={"Retry-After": "1"})
+        raise HttpError(404, f"job {job.id} is {job.state}: it has no result", code="result-absent")
+    detail = f"job {job.id} is {job.state}: it has no result yet"
+    raise HttpError(409, detail, headers={"Retry-After": "1"}, code="result-pending")
 
 
 def _artefact(service: Service, job_id: str, name: str) -> Artefact:
     for artefact in service.store.artefacts(job_id):
         if artefact.name == name:
             return artefact
-    raise HttpError(404, f"job {job_id} has no {name[:100]}")
+    raise HttpError(404, f"job {job_id} has no {name[:100]}", code="result-absent")
 
 
-def _path(service: Service, artefact: Artefact) -> Path:
-    path = service.settings.data / artefact.path
-    if not path.is_file():
-        raise HttpError(404, f"{artefact.name} is no longer in the data folder")
-    return path
-
-
-def _tag(artefact: Artefact) -> dict[str, str]:
-    return {"ETag": f'"{artefact.sha256}"', "Cache-Control": "no-cache"}
+def _served(
+    request: Request, service: Service, artefact: Artefact, *, media_type: str, filename: str | None = None
+) -> Response:
+    return served_file(
+        request,
+        service.settings.data / artefact.path,
+        sha256=artefact.sha256,
+        size=artefact.bytes,
+        media_type=media_type,
+        filename=filename,
+    )

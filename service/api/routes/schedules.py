@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Annotated
 
-from fastapi import APIRouter, Header, Query, Response, status
+from fastapi import APIRouter, Header, Query, Request, Response, status
 
 from service.api.context import ServiceOf
 from service.api.openapi import documented
@@ -29,10 +29,12 @@ router = APIRouter(prefix="/api/v1/schedules", tags=["schedules"])
     status_code=status.HTTP_201_CREATED,
     responses=documented(400, 403, 409, 413, 415),
 )
-def create_schedule(body: ScheduleRequest, service: ServiceOf, response: Response) -> ScheduleView:
+def create_schedule(body: ScheduleRequest, service: ServiceOf, request: Request, response: Response) -> ScheduleView:
     """The campaign is checked now, and created again at each tick."""
+    caller = request.state.caller
+    caller.require_priority(body.campaign.priority)
     service.planner.plan(body.campaign)
-    schedule = service.schedules.create(body.values())
+    schedule = service.schedules.create({**body.values(), "owner": caller.key_id})
     response.headers["Location"] = f"/api/v1/schedules/{schedule.id}"
     response.headers["ETag"] = f'"{schedule.version}"'
     return ScheduleView.of(schedule)
@@ -62,11 +64,13 @@ def change_schedule(
     schedule_id: ScheduleId,
     body: SchedulePatch,
     service: ServiceOf,
+    request: Request,
     response: Response,
     if_match: Annotated[str | None, Header(description="ETag of the version that the change is based on.")] = None,
 ) -> ScheduleView:
     """Fields that are left out keep their values. With If-Match nothing changes if somebody else was faster."""
     if body.campaign is not None:
+        request.state.caller.require_priority(body.campaign.priority)
         service.planner.plan(body.campaign)
     changed = service.schedules.change(schedule_id, body.values(), version=_version(if_match))
     response.headers["ETag"] = f'"{changed.version}"'

@@ -35,7 +35,7 @@ def get_readiness(service: ServiceOf) -> Readiness:
     bad = [f"{check.name}: {check.found}" for check in results if check.level == "bad"]
     if bad:
         more = {"checks": [view.model_dump() for view in views]}
-        raise HttpError(503, "; ".join(bad), more=more, headers={"Retry-After": "10"})
+        raise HttpError(503, "; ".join(bad), more=more, headers={"Retry-After": "10"}, code="not-ready")
     engine = service.engine
     ready = engine.ready == engine.slots
     return Readiness(

@@ -1,11 +1,12 @@
-"""Routes of uploaded files: meshes, models and data sets, which scenarios and trainings refer to by id."""
+"""Routes of uploaded files: meshes, models, data sets, poses, which scenarios and trainings refer to by id."""
 
 from __future__ import annotations
 
 import hashlib
 import os
+from collections.abc import Callable
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any
 
 from fastapi import APIRouter, Query, Request, Response, status
 from starlette.concurrency import run_in_threadpool
@@ -15,9 +16,10 @@ from starlette.responses import FileResponse
 from service.admission.upload_check import UnusableUploadError, inspect
 from service.api.context import Service, ServiceOf
 from service.api.openapi import documented
-from service.api.parameters import UploadId
+from service.api.parameters import Cursor, UploadId
 from service.api.problems import HttpError
-from service.api.schemas.uploads import UploadList, UploadView
+from service.api.schemas.uploads import UploadKind, UploadList, UploadView
+from service.api.served_file import served_file
 from service.files.upload_names import NAME, NAMES, SUFFIXES
 from simcore.errors import Problem
 
@@ -25,7 +27,7 @@ router = APIRouter(prefix="/api/v1/uploads", tags=["uploads"])
 
 _BINARY = {"schema": {"type": "string", "format": "binary"}}
 _PLAIN = "application/octet-stream"
-_MEDIA_TYPES = {".npz": ("application/x-npz", "application/zip"), ".json": ("application/json",)}
+_MEDIA_TYPES = {".npz": ("application/x-npz", "application/zip"), ".json": ("application/json",), ".npy": ()}
 _MESH_TYPES = ("model/mesh",)
 _WRITTEN_AT_ONCE = 2**20
 _LOCATION = {"Location": {"description": "Address of the upload.", "schema": {"type": "string"}}}
@@ -34,7 +36,7 @@ _LOCATION = {"Location": {"description": "Address of the upload.", "schema": {"t
 @router.post(
     "",
     operation_id="create_upload",
-    summary="Upload a mesh, a model or a data set",
+    summary="Upload a mesh, a model, a data set or poses",
     status_code=status.HTTP_201_CREATED,
     response_model=UploadView,
     responses={
@@ -48,17 +50,17 @@ async def create_upload(
     service: ServiceOf,
     request: Request,
     response: Response,
-    kind: Annotated[Literal["mesh", "model", "dataset"], Query(description="What it is.")],
+    kind: Annotated[UploadKind, Query(description="What it is.")],
     name: Annotated[str, Query(description="Its name, with its suffix.", pattern=f"^{NAME}$")],
 ) -> UploadView:
     """The body is the file itself. It is checked before it is stored; the same content has the same id. Scenarios
-    refer to it as `artefact:<id>` in `tissue.mesh_file` or `controller.model`, a training in `data`. A model is JSON
-    and a data set plain arrays: files that hold pickles are refused."""
+    refer to it as `artefact:<id>` in `tissue.mesh_file`, `controller.model` or `controller.poses_file`, a training in
+    `data`. A model is JSON, data set and poses are plain arrays: files that hold pickles are refused."""
     service.refuse_when_closing()
     suffix = _suffix(kind, name, request.headers.get("content-type", ""))
     draft = await run_in_threadpool(service.uploads.draft, suffix)
     try:
-        sha256 = await _receive(request, draft)
+        sha256 = await _receive(request, draft, service.uploads.grow)
         async with service.uploads.checking:
             content = await run_in_threadpool(_content, service, draft, kind, name, sha256)
         caller = request.state.caller
@@ -66,7 +68,7 @@ async def create_upload(
             service.uploads.keep, draft, kind=kind, name=name, sha256=sha256, content=content, owner=caller.key_id
         )
     finally:
-        await run_in_threadpool(draft.unlink, missing_ok=True)
+        await run_in_threadpool(service.uploads.drop, draft)
     response.status_code = status.HTTP_201_CREATED if new else status.HTTP_200_OK
     response.headers["Location"] = f"/api/v1/uploads/{upload.id}"
     return UploadView.of(upload)
@@ -86,12 +88,13 @@ def _suffix(kind: str, name: str, content_type: str) -> str:
     return suffix
 
 
-async def _receive(request: Request, draft: Path) -> str:
-    """Write the body into `draft` as it arrives; its SHA-256."""
+async def _receive(request: Request, draft: Path, grow: Callable[[Path, int], None]) -> str:
+    """Write the body into `draft` as it arrives; its SHA-256. grow: hears of bytes before they are written."""
     digest, waiting = hashlib.sha256(), bytearray()
     with await run_in_threadpool(draft.open, "xb") as file:
 
         def write(data: bytes) -> None:
+            grow(draft, len(data))
             digest.update(data)
             file.write(data)
 
@@ -102,7 +105,7 @@ async def _receive(request: Request, draft: Path) -> str:
                     await run_in_threadpool(write, bytes(waiting))
                     waiting.clear()
         except ClientDisconnect:
-            raise HttpError(400, "the body ended early") from None
+            raise HttpError(400, "the body ended early", code="body-incomplete") from None
 
         def end() -> None:
             write(bytes(waiting))
@@ -122,17 +125,20 @@ def _content(service: Service, draft: Path, kind: str, name: str, sha256: str) -
         return inspect(draft, kind)
     except UnusableUploadError as problem:
         message = f"cannot be used as a {NAMES[kind]}: {problem}"
-        raise HttpError(422, f"{name} {message}", errors=[Problem("body", name, message)]) from None
+        errors = [Problem("body", name, message)]
+        raise HttpError(422, f"{name} {message}", errors=errors, code="upload-unusable") from None
 
 
 @router.get("", operation_id="list_uploads", summary="Uploaded files, newest first", responses=documented())
 def list_uploads(
     service: ServiceOf,
     limit: Annotated[int, Query(ge=1, le=1000, description="Most items of the list.")] = 100,
-    kind: Annotated[Literal["mesh", "model", "dataset"] | None, Query(description="Only of this kind.")] = None,
+    kind: Annotated[UploadKind | None, Query(description="Only of this kind.")] = None,
+    cursor: Cursor = None,
 ) -> UploadList:
-    """Meshes and models that scenarios may use, and data sets to train models on."""
-    return UploadList(items=[UploadView.of(item) for item in service.uploads.newest(limit=limit, kind=kind)])
+    """Meshes, models and poses that scenarios may use, and data sets to train models on."""
+    page = service.uploads.page(size=limit, cursor=cursor, kind=kind)
+    return UploadList(items=[UploadView.of(item) for item in page.items], next_cursor=page.next_cursor)
 
 
 @router.get("/{upload_id}", operation_id="get_upload", summary="One uploaded file", responses=documented(404))
@@ -146,16 +152,13 @@ def get_upload(upload_id: UploadId, service: ServiceOf) -> UploadView:
     operation_id="get_upload_content",
     summary="The content of an uploaded file",
     response_class=FileResponse,
-    responses={200: {"content": {_PLAIN: _BINARY}}, **documented(400, 404, 416)},
+    responses={200: {"content": {_PLAIN: _BINARY}}, **documented(400, 404, 410, 416)},
 )
-def get_upload_content(upload_id: UploadId, service: ServiceOf) -> Response:
+def get_upload_content(upload_id: UploadId, service: ServiceOf, request: Request) -> Response:
     """Byte for byte as it was uploaded."""
     upload = service.uploads.get(upload_id)
     path = service.uploads.path(upload)
-    if not path.is_file():
-        raise HttpError(404, f"{upload.id} is no longer in the data folder")
-    headers = {"ETag": f'"{upload.sha256}"', "Cache-Control": "no-cache"}
-    return FileResponse(path, media_type=_PLAIN, filename=upload.name, headers=headers)
+    return served_file(request, path, sha256=upload.sha256, size=upload.bytes, media_type=_PLAIN, filename=upload.name)
 
 
 @router.post("/{upload_id}/pin", operation_id="pin_upload", summary="Pin an uploaded file", responses=documented(404))
@@ -171,9 +174,8 @@ def pin_upload(upload_id: UploadId, service: ServiceOf) -> UploadView:
     status_code=status.HTTP_204_NO_CONTENT,
     responses=documented(404),
 )
-def unpin_upload(upload_id: UploadId, service: ServiceOf, request: Request) -> None:
+def unpin_upload(upload_id: UploadId, service: ServiceOf) -> None:
     """It may be removed again. Idempotent. An upload of another key needs the scope admin."""
-    request.state.caller.require_owner(service.uploads.get(upload_id).owner, f"upload {upload_id}")
     service.uploads.pin(upload_id, pinned=False)
 
 
@@ -184,7 +186,6 @@ def unpin_upload(upload_id: UploadId, service: ServiceOf, request: Request) -> N
     status_code=status.HTTP_204_NO_CONTENT,
     responses=documented(404, 409),
 )
-def delete_upload(upload_id: UploadId, service: ServiceOf, request: Request) -> None:
+def delete_upload(upload_id: UploadId, service: ServiceOf) -> None:
     """Not while it is pinned or a queued or running job uses it. An upload of another key needs the scope admin."""
-    request.state.caller.require_owner(service.uploads.get(upload_id).owner, f"upload {upload_id}")
     service.uploads.delete(upload_id)

@@ -124,20 +124,23 @@ class CampaignCaseView(BaseModel):
     state: str | None
     status: str | None
     success: bool | None
-    rmse_mm: float | None
+    outcome: str = Field(description="success, missed or the status; the error of a job that left no result.")
+    rmse_commanded_mm: float | None
+    beside: dict[str, float | None] = Field(description="What the error may have been paid with, by metric.")
     digest: str | None
 
     @classmethod
     def of(cls, row: CaseResult) -> Self:
         """The JSON of one insertion."""
-        names = ("labels", "state", "status", "success", "rmse_mm", "digest")
+        names = ("labels", "state", "status", "success", "outcome", "rmse_commanded_mm", "beside", "digest")
         return cls(case=row.case_id, job=row.job_id, **{name: getattr(row, name) for name in names})
 
 
 class CampaignCaseList(BaseModel):
-    """The insertions of a campaign, in the order of their numbers."""
+    """The insertions of a campaign, in the order of their numbers; next_cursor leads on, null at the end."""
 
     items: list[CampaignCaseView]
+    next_cursor: str | None
 
 
 class SuiteView(BaseModel):
@@ -202,6 +205,7 @@ class TrendPoint(BaseModel):
     cases: int
     successes: int
     median_rmse_mm: float | None
+    beside: dict[str, float | None] = Field(description="Medians of what the error may have been paid with, by metric.")
     step_ms: float | None
     accuracy: str
     accuracy_why: str
@@ -221,9 +225,10 @@ class TrendPoint(BaseModel):
             at=utc(point.at),
             commit=point.commit,
             machine=point.machine,
-            cases=len(point.rmse_mm),
+            cases=len(point.rmse_commanded_mm),
             successes=point.successes,
             median_rmse_mm=point.median_rmse_mm if math.isfinite(point.median_rmse_mm) else None,
+            beside=dict(point.beside),
             step_ms=point.step_ms,
             **{name: getattr(mark, name) for name in marks},
         )

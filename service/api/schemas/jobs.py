@@ -8,9 +8,23 @@ from typing import Annotated, Any, Literal, Self
 from pydantic import BaseModel, ConfigDict, Field, WithJsonSchema, field_validator
 
 from service.api.schemas.timestamps import utc
-from service.store.job import INSERTION, SUCCEEDED, TIME_LIMIT, TRAINING, Artefact, Event, Job, TimeLimit
+from service.store.job import FINISHED, INSERTION, TIME_LIMIT, TRAINING, Artefact, Event, Job, TimeLimit
 
-State = Literal["queued", "running", "succeeded", "failed", "cancelled", "timed_out"]
+State = Literal["queued", "running", "finished", "failed", "cancelled", "timed_out"]
+Outcome = Literal[
+    "success",
+    "missed",
+    "not_converged",
+    "inverted",
+    "not_finite",
+    "not_positive_definite",
+    "tissue_left",
+    "channel_left",
+    "target_lost",
+    "buckled",
+    "authority_lost",
+    "shaft_beside",
+]
 
 ScenarioInput = Annotated[
     Any,
@@ -52,7 +66,7 @@ class JobRequest(BaseModel):
 class Progress(BaseModel):
     """How far a running job is. eta_s is null before the first step and while it does not run.
 
-    tip_error_mm: of the tip from the target that its step was commanded for, as in rmse_mm.
+    tip_error_mm: of the tip from the target that its step was commanded for, as in rmse_commanded_mm.
     cross_track_mm: of the tip from the path; null where the tissue carries the path. insertion_force_n: along the
     needle's base, positive pushes.
     """
@@ -70,7 +84,7 @@ class Progress(BaseModel):
     def of(cls, job: Job) -> Self:
         """The progress of a job."""
         progress = cls(**{"steps": job.steps, **(job.progress or {})})
-        if job.state == SUCCEEDED and progress.step == progress.steps:
+        if job.state == FINISHED and progress.step == progress.steps:
             return progress.model_copy(update={"eta_s": 0.0})
         return progress if job.state == "running" else progress.model_copy(update={"eta_s": None})
 
@@ -103,6 +117,9 @@ class JobSummary(BaseModel):
     kind: Literal["insertion", "training"] = Field(description="What it does: simulate, or train a model.")
     name: str
     state: State
+    outcome: Outcome | None = Field(
+        description="Of a job that finished: success, missed (completed, without success), or why its run ended early."
+    )
     attempt: int = Field(description="How many times it was started.")
     priority: int
     timeout_s: float
@@ -125,6 +142,7 @@ class JobSummary(BaseModel):
             "kind": job.kind,
             "name": job.name,
             "state": job.state,
+            "outcome": job.outcome,
             "attempt": job.attempt,
             "priority": job.priority,
             "timeout_s": job.timeout_s,
@@ -146,7 +164,7 @@ class JobSummary(BaseModel):
 
 
 class JobView(JobSummary):
-    """A job with all of its data. A run that did not succeed or converge is a result; `failed` means a crash."""
+    """A job with all of its data. A run that missed or did not converge has an outcome; `failed` means a crash."""
 
     scenario: dict[str, Any] | None = Field(description="The fully resolved scenario; null for a training.")
     training: dict[str, Any] | None = Field(description="The training; null for an insertion.")
@@ -226,7 +244,7 @@ class ArtefactList(BaseModel):
 def links_of(job: Job) -> Links:
     """The addresses of a job that answer now."""
     base = f"/api/v1/jobs/{job.id}"
-    done = job.state == SUCCEEDED
+    done = job.state == FINISHED
     return Links(
         self=base,
         cancel=f"{base}/cancel",

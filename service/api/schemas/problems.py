@@ -4,7 +4,11 @@ from __future__ import annotations
 
 from typing import Any
 
-from pydantic import BaseModel
+from pydantic import BaseModel, Field
+
+from service.api.problem_codes import CODES
+
+_KNOWN: dict[str, Any] = {"enum": list(CODES)}
 
 
 class FieldError(BaseModel):
@@ -21,6 +25,7 @@ class ProblemDetails(BaseModel):
     type: str = "about:blank"
     title: str
     status: int
+    code: str = Field(description="The kind of problem; it stays, sentences may change.", json_schema_extra=_KNOWN)
     detail: str
     instance: str | None = None
     errors: list[FieldError] | None = None

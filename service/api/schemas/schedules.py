@@ -9,9 +9,8 @@ from pydantic import BaseModel, ConfigDict, Field, StringConstraints
 
 from service.admission.campaign_planner import CampaignRequest
 from service.api.schemas.timestamps import utc
+from service.store.job import Label
 from service.store.schedule import Catchup, Overlap, Schedule, ScheduleRun
-
-Name = Annotated[str, StringConstraints(min_length=1, max_length=100)]
 
 
 class ScheduleRequest(BaseModel):
@@ -25,13 +24,13 @@ class ScheduleRequest(BaseModel):
                     "name": "nightly",
                     "cron": "0 2 * * *",
                     "timezone": "Europe/Paris",
-                    "campaign": {"suite": "lin100-v1-quick"},
+                    "campaign": {"suite": "lin100-v2-quick"},
                 }
             ]
         },
     )
 
-    name: Name
+    name: Label
     cron: Annotated[str, StringConstraints(min_length=1, max_length=200)] = Field(
         description="minute hour day month weekday, as in 0 2 * * * (every night at two)"
     )
@@ -61,7 +60,7 @@ class SchedulePatch(BaseModel):
         extra="forbid", json_schema_extra={"examples": [{"enabled": False}, {"cron": "0 3 * * *", "timezone": "UTC"}]}
     )
 
-    name: Name | None = None
+    name: Label | None = None
     cron: Annotated[str, StringConstraints(min_length=1, max_length=200)] | None = None
     timezone: Annotated[str, StringConstraints(min_length=1, max_length=64)] | None = None
     catchup: Catchup | None = None

@@ -11,13 +11,15 @@ from service.api.schemas.timestamps import utc
 from service.files.upload_names import SCHEME
 from service.store.uploads import Upload
 
+UploadKind = Literal["mesh", "model", "dataset", "poses"]
+
 
 class UploadView(BaseModel):
     """An uploaded file. `reference` is how a scenario refers to it."""
 
     id: str
     reference: str
-    kind: Literal["mesh", "model", "dataset"]
+    kind: UploadKind
     name: str = Field(description="Its name, as uploaded.")
     bytes: int
     sha256: str
@@ -41,6 +43,7 @@ class UploadView(BaseModel):
 
 
 class UploadList(BaseModel):
-    """Uploaded files, newest first."""
+    """Uploaded files, newest first; next_cursor leads to the older ones, null at the end."""
 
     items: list[UploadView]
+    next_cursor: str | None

@@ -90,7 +90,7 @@ async function loadSeries() {
   series = {
     time: t_s,
     depth: depth_m.map((v) => v * 1e3),
-    error: tip_m.map((tip, i) => (i ? 1e3 * Math.hypot(...tip.map((v, axis) => v - target_m[i - 1][axis])) : null)), // as rmse_mm has it
+    error: tip_m.map((tip, i) => (i ? 1e3 * Math.hypot(...tip.map((v, axis) => v - target_m[i - 1][axis])) : null)), // as rmse_commanded_mm has it
     force: insertion_force_n,
   };
   document.getElementById("axis").hidden = false;

@@ -6,7 +6,7 @@ let due = false;
 let last = 0;
 const read = new Map(); // id of a part -> its HTML as last read
 
-const KINDS = ["queued", "started", "progress", "requeued", "crashed", "cancel_requested", "succeeded", "failed",
+const KINDS = ["queued", "started", "progress", "requeued", "crashed", "cancel_requested", "finished", "failed",
   "cancelled", "timed_out", "pinned", "unpinned", "deleted"];
 const AGAIN_MS = 5000; // before a refused stream is requested again
 const AWAY_MS = 2500; // without a response before that is shown

@@ -43,7 +43,7 @@ function put(field, entered) {
   const chosen = entered ?? standard;
   const asStandard = same(chosen, standard);
   if (entry === "switch") parts[0].checked = chosen;
-  else if (entry === "choices") for (const one of parts) one.checked = chosen.includes(one.value);
+  else if (entry === "choices") for (const one of parts) one.checked = (chosen ?? []).includes(one.value);
   else if (entry === "choice" || entry === "kind") parts[0].value = chosen;
   else if (entry === "vector") parts.forEach((one, i) => { one.value = asStandard ? "" : chosen[i]; });
   else if (asStandard) parts[0].value = "";
@@ -128,7 +128,9 @@ function picture() {
   const path = { entry, target };
   if (sine) Object.assign(path, { amplitude: now("trajectory.amplitude_mm"), periods: now("trajectory.periods"), direction: now("trajectory.direction") });
   const points = curve(path);
-  drawing(document.getElementById("drawing"), { size, points, faces: now("tissue.fixed_faces"), mesh: now("tissue.mesh_file") });
+  const named = ["tissue.fixed_sets", "tissue.fixed_regions"].some((path) => (now(path) ?? []).length > 0);
+  const faces = now("tissue.fixed_faces") ?? (named ? [] : ["y_min", "y_max"]);
+  drawing(document.getElementById("drawing"), { size, points, faces, mesh: now("tissue.mesh_file") });
   const poses = now("controller.poses");
   const steps = Array.isArray(poses) ? poses.length : Math.ceil(length(points) / (now("trajectory.speed_mm_s") * now("dt_s")) - 1e-9);
   const cells = size.map((v) => Math.max(1, Math.round(v / now("tissue.element_size_mm")))).reduce((a, b) => a * b, 1);

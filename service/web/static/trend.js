@@ -22,5 +22,5 @@ function plot(id, { title, unit, digits, values, bad, range }) {
 }
 
 plot("rmse", { title: "RMSE", unit: "mm", digits: 4, values: points.map((p) => p.median_rmse_mm), bad: (p) => p.accuracy === "worse" });
-plot("success", { title: "On target", unit: "%", digits: 0, values: points.map((p) => (p.cases ? (100 * p.successes) / p.cases : null)), bad: (p) => p.success === "worse", range: () => [0, 105] });
+plot("success", { title: "Success", unit: "%", digits: 0, values: points.map((p) => (p.cases ? (100 * p.successes) / p.cases : null)), bad: (p) => p.success === "worse", range: () => [0, 105] });
 plot("step", { title: "Step", unit: "ms", digits: 2, values: points.map((p) => p.step_ms), bad: (p) => p.time === "worse", range: (_, low, high) => [0, (high ?? 1) * 1.15] });

@@ -42,7 +42,7 @@ def scenario(
 
 def outcome(
     case_id: str,
-    rmse_mm: float,
+    rmse_commanded_mm: float,
     labels: dict[str, Label] | None = None,
     *,
     end_mm: tuple[float, float] = (18.0, 31.0),
@@ -51,16 +51,16 @@ def outcome(
     **controller: Any,
 ) -> Outcome:
     """An insertion with this error; an infinite one is a failure."""
-    stable = math.isfinite(rmse_mm)
+    stable = math.isfinite(rmse_commanded_mm)
     labels = labels or {}
     kind = str(labels.get("arm", "ifem"))
     metrics = {
         "stable": stable,
-        "success": stable and rmse_mm < 1.5,
+        "success": stable and rmse_commanded_mm < 1.5,
         "steps_completed": 1226 if stable else 431,
         "steps": 1226,
-        "rmse_mm": rmse_mm if stable else 0.5,
-        "max_error_mm": 2.1 * rmse_mm if stable else 3.0,
+        "rmse_commanded_mm": rmse_commanded_mm if stable else 0.5,
+        "max_commanded_mm": 2.1 * rmse_commanded_mm if stable else 3.0,
         "limited_fraction": 0.02,
     }
     plant, jacobian, command = step_ms

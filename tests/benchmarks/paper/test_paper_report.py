@@ -16,7 +16,7 @@ from benchmarks.paper.failure_places import notable_cases
 from benchmarks.paper.page import change, change_interval, html, interval, mm, p_value, percent, share, signed
 from benchmarks.paper.pipeline import cases_to_record
 from benchmarks.paper.report import SCHEMA, document, main_table_markdown, write
-from benchmarks.paper.table import rows
+from benchmarks.paper.table import BESIDE, rows
 from tests.benchmarks.paper.synthetic import (
     experiments,
     labelled,
@@ -32,7 +32,7 @@ if TYPE_CHECKING:
     from pathlib import Path
 
 VOID = {"meta", "col", "br"}
-PROVENANCE = {"commit": "abc", "suites": {"lin100-v1": "0" * 64}, "seeds": [1, 2], "load": None}
+PROVENANCE = {"commit": "abc", "suites": {"lin100-v2": "0" * 64}, "seeds": [1, 2], "load": None}
 
 
 class Page(HTMLParser):
@@ -177,7 +177,7 @@ def test_names_are_escaped() -> None:
 def test_a_page_of_nothing_or_of_failures_alone(outcomes: list[Outcome]) -> None:
     report = document(outcomes)
     found = Page(html(report))
-    assert "not testable" in found.text
+    assert "undecided" in found.text
     assert "No insertion of this run was recorded." in found.text
     assert main_table_markdown(report).count("\n") == 2 + len(outcomes)
 
@@ -194,14 +194,14 @@ def test_all_failed_groups_are_written_as_failed() -> None:
 
 
 def test_a_campaign_without_the_papers_labels() -> None:
-    """Groups and controllers of somebody else: their scores are shown, the paper's claims are not testable."""
+    """Groups and controllers of somebody else: their scores are shown, the paper's claims are undecided."""
     outcomes = [
         outcome(f"{arm}{i}", 0.1 + 0.01 * i, {"group": "liver", "arm": arm, "end_point": i})
         for arm in ("ifem", "mine")
         for i in range(4)
     ]
     report = document(outcomes)
-    assert {claim["verdict"] for claim in report["claims"]} == {"not testable"}
+    assert {claim["verdict"] for claim in report["claims"]} == {"undecided"}
     text = Page(html(report)).text
     assert "liver" in text
     assert "mine" in text
@@ -237,7 +237,7 @@ def test_files_are_written_and_replaced(tmp_path: Path) -> None:
 
 def test_the_main_table_is_that_of_the_primary_condition(report: dict[str, Any]) -> None:
     lines = main_table_markdown(report).splitlines()
-    assert all(line.count("|") == 9 for line in lines)
+    assert all(line.count("|") == 9 + len(BESIDE) for line in lines)
     assert len(lines) == 2 + 3 * 4 + 1  # three groups of four, and the small network on LIN
     ifem = next(s for s in report["scores"] if (s["group"], s["arm"], s["noise"]) == ("CUR", "ifem", "off"))
     row = next(line for line in lines if line.startswith("| CUR | I-FEM"))
@@ -281,8 +281,8 @@ def test_numbers_for_people(shown: str, text: str) -> None:
 
 
 def test_failed_insertions_are_recorded_before_those_that_only_lost_their_target() -> None:
-    def case(number: int, arm: str, rmse_mm: float) -> Outcome:
-        return outcome(f"{number}-{arm}", rmse_mm, labelled("LIN", arm, number, "") | {"purpose": "main"})
+    def case(number: int, arm: str, rmse_commanded_mm: float) -> Outcome:
+        return outcome(f"{number}-{arm}", rmse_commanded_mm, labelled("LIN", arm, number, "") | {"purpose": "main"})
 
     good = [case(number, "elm", 0.1 * (number + 1)) for number in range(3)]
     lost = [case(3, "open_loop", 2.0), case(4, "rigid", math.inf), case(5, "elm", 1.9), case(6, "elm", math.inf)]

@@ -258,3 +258,26 @@ def test_one_insertion_shows_no_equivalence() -> None:
     assert equivalent([0.0, 0.001, 0.0, 0.002, 0.001])
     assert not equivalent([])
     assert not equivalent([math.inf] * 20)
+
+
+# ---- what is no number never wins
+
+
+@pytest.mark.parametrize("broken", [math.nan, math.inf, -math.inf])
+def test_an_error_that_is_no_number_loses_every_comparison(broken: float) -> None:
+    sound, odd = [0.1, 0.2, 0.3, 0.4, 0.5], [broken] * 5
+    change = differences(odd, sound)
+    assert (change == math.inf).all()
+    assert sign_test(change).above == 5
+    assert (differences(sound, odd) == -math.inf).all()
+    assert (ratios(odd, sound) == math.inf).all()
+    assert cliffs_delta(odd, sound) == 1.0
+    assert mann_whitney_p(odd, sound) == mann_whitney_p([9.0] * 5, sound) < 0.05
+    assert superiority(change) == 0.0
+    assert (differences(odd, [math.nan] * 5) == 0.0).all()  # two failures are a tie
+
+
+def test_a_median_with_what_is_no_number_is_that_of_a_failure() -> None:
+    assert middle([math.nan, 0.1]) == math.inf
+    assert middle([0.2, math.nan, 0.1]) == 0.2
+    assert quantile([math.nan, 0.1, 0.2], 0.75) == math.inf

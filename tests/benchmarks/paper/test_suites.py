@@ -9,6 +9,7 @@ from __future__ import annotations
 import json
 import re
 from collections import Counter
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -19,8 +20,11 @@ from benchmarks.paper import suites
 from benchmarks.paper.learning import LearningCurves
 from benchmarks.paper.pipeline import Findings, paper_outcomes
 from benchmarks.paper.plan import Plan, StepCost
+from benchmarks.paper.retraining import LABEL, training_conditions, training_scores
 from benchmarks.paper.sampling import end_points_mm, young_kpa
 from benchmarks.paper.scale import SCALE_TEXT, SCALES, Scale, scale_of
+from benchmarks.paper.table import rows
+from benchmarks.paper.training_study import other_training_cases, quiet_cases, training_study_cases
 from benchmarks.paper.variations import VARIATIONS, apply_variation
 from simcore.errors import ScenarioError
 from simcore.learning.trained import PACKAGED
@@ -152,9 +156,9 @@ def test_sensitivity_moves_one_thing_at_a_time() -> None:
         assert len(differing) == (0 if variation.parameter == "nominal" else 1), variation.name
 
 
-@pytest.mark.parametrize("name", ["paper", "paper-v1-tiny", "lin100-v2", "", "paper-v1-full"])
+@pytest.mark.parametrize("name", ["paper", "paper-v2-tiny", "lin100-v1", "", "paper-v2-full"])
 def test_an_unknown_suite_is_refused_with_the_known_ones(name: str) -> None:
-    with pytest.raises(ScenarioError, match=r"suite = .* is none of data105-v1.*paper-v1-smoke") as caught:
+    with pytest.raises(ScenarioError, match=r"suite = .* is none of data105-v2.*paper-v2-smoke") as caught:
         suites.suite(name)
     assert caught.value.problems[0].value == name
 
@@ -204,3 +208,74 @@ def test_scales_are_described_and_bounded() -> None:
 
 if __name__ == "__main__":
     PINNED.write_text(json.dumps(digests(), indent=1) + "\n")
+
+
+# ---- the training study
+
+
+@pytest.mark.parametrize(
+    ("dt_s", "names"),
+    [
+        (
+            0.01,
+            [
+                "hold-50-limit-50",
+                "hold-100-limit-50",
+                "hold-10-limit-100",
+                "hold-50-limit-100",
+                "hold-100-limit-100",
+                "quiet",
+            ],
+        ),
+        (0.05, ["hold-100-limit-50", "hold-50-limit-100", "hold-100-limit-100", "quiet"]),
+    ],
+)
+def test_training_conditions_are_whole_steps_and_never_the_nominal_pair(dt_s: float, names: list[str]) -> None:
+    conditions = training_conditions(dt_s)
+    assert [condition.name for condition in conditions] == names
+    for condition in conditions[:-1]:
+        hold_s = dict(condition.changes)["noise_hold_s"]
+        assert hold_s / dt_s == pytest.approx(round(hold_s / dt_s))
+
+
+def test_each_condition_has_a_data_set_and_an_elm_of_its_own() -> None:
+    scale = SCALES["full"]
+    cases = other_training_cases(scale)
+    assert len(cases) == 6 * scale.retraining
+    assert {case.labels["group"] for case in cases} == {"DATA"}
+    fast = next(case for case in cases if case.labels[LABEL] == "hold-50-limit-100")
+    assert (fast.scenario["noise_hold_s"], fast.scenario["robot"]["max_speed_mm_s"]) == (0.05, 100.0)
+    assert next(case for case in cases if case.labels[LABEL] == "quiet").scenario["noise_mm"] == 0.0
+    steered = [case for case in training_study_cases(scale) if case.labels["arm"] == "elm"]
+    models = {case.scenario["controller"]["model"] for case in steered}
+    assert models == {condition.model for condition in training_conditions(scale.dt_s)}
+    for case in training_study_cases(scale):
+        faster = "limit 100" in str(case.labels["value"])
+        assert case.scenario.get("robot", {}) == ({"max_speed_mm_s": 100.0} if faster else {})
+        assert case.labels["arm"] == "elm" or faster
+    quiet = quiet_cases(scale)
+    assert {case.labels["arm"] for case in quiet} == {"elm_quiet"}
+    assert {case.scenario["controller"]["model"] for case in quiet} == {"models/elm-quiet.json"}
+    assert len(quiet) == 200
+
+
+def test_without_retraining_there_is_no_training_study() -> None:
+    scale = SCALES["smoke"].model_copy(update={"retraining": 0})
+    assert not [*other_training_cases(scale), *training_study_cases(scale), *quiet_cases(scale)]
+    assert "other data sets" not in {stage.title for stage in Plan(scale).stages}
+
+
+def test_saturation_is_the_share_of_all_steps() -> None:
+    """By hand: 100 steps at 0.9 and 300 at 0.5 are 240 of 400."""
+    rows_ = rows(
+        Outcome(
+            Case(f"DATA-{i}", {"noise_mm": 0.25, "dt_s": 0.01, "robot": {"max_speed_mm_s": 50.0}}, {"group": "DATA"}),
+            {"metrics": {"stable": True, "steps_completed": steps, "limited_fraction": share}},
+        )
+        for i, (steps, share) in enumerate([(100, 0.9), (300, 0.5)])
+    )
+    other = replace(rows_[0], labels={"group": "DATA", LABEL: "quiet"}, metrics={"stable": True, "steps_completed": 0})
+    nominal, quiet = training_scores([*rows_, other])
+    assert (nominal.condition, nominal.insertions, nominal.steps, nominal.hold_ms) == ("nominal", 2, 400, 10.0)
+    assert nominal.saturated == pytest.approx(0.6)
+    assert (quiet.condition, quiet.saturated) == ("quiet", None)

@@ -52,7 +52,7 @@ def change(service: Service, what: str, job: Job) -> None:
     changes: dict[str, Callable[[], Any]] = {
         "claim": store.claim,
         "beat": lambda: store.beat(mine, {"step": mine.version, "steps": 10}),
-        "finish": lambda: store.finish(mine, Outcome(state="succeeded", result={"metrics": {}})),
+        "finish": lambda: store.finish(mine, Outcome(state="finished", result={"metrics": {}})),
         "exchange": lambda: store.publish(store.exchange(mine, Outcome(state="failed", error_kind="a"))[0].id),
         "crash": lambda: store.requeue(mine, reason="b", crashed=True),
         "recover": store.recover,

@@ -163,7 +163,7 @@ def test_a_training_is_a_job_whose_model_can_be_named_at_once(
     assert queued["progress"]["steps"] == len(STAGES)
     finish_training(service)
     done = http.get(f"{JOBS}/{queued['id']}").json()
-    assert (done["state"], done["links"]["recording"], done["links"]["series"]) == ("succeeded", None, None)
+    assert (done["state"], done["links"]["recording"], done["links"]["series"]) == ("finished", None, None)
     model = http.get(done["links"]["model"]).json()
     assert (model["source"], model["job"], model["kind"]) == ("trained", queued["id"], request_["kind"])
     assert model["settings"] == settings
@@ -195,7 +195,7 @@ def test_the_model_is_that_of_the_command_line(both: Both, tmp_path: Path) -> No
 
 
 def test_an_attempt_after_a_death_makes_the_same_model_and_keeps_it_once(both: Both) -> None:
-    """Killed after the model was kept and before the job had succeeded."""
+    """Killed after the model was kept and before the job had finished."""
     http, service = both
     made = train(http).json()["id"]
     job = service.store.claim()
@@ -225,7 +225,7 @@ def test_a_model_that_finds_no_room_is_told(tmp_path: Path) -> None:
         spec = {**(job.spec or {}), "job_id": job.id, "files": str(service.settings.uploads)}
         signals = Signals(threading.Event(), threading.Event(), threading.Condition())
         slot = Slot(service.settings, service.store, signals, service.monitor, service.uploads, 0)
-        done = slot._finish(job, Outcome(state="succeeded", result=train_job(spec, folder)))
+        done = slot._finish(job, Outcome(state="finished", result=train_job(spec, folder)))
         assert (done.state, done.error_kind, done.result) == ("failed", "disk", None)
         assert "at most" in (done.error or "")
         assert {path.suffix for path in service.settings.uploads.iterdir()} == {".npz"}

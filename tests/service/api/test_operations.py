@@ -51,7 +51,7 @@ def test_metrics_count_jobs_answers_and_room(both: tuple[TestClient, Service]) -
     http.get(f"{JOBS}/unknown")
     found = figures(http)
     assert found["needlebench_jobs"][("queued",)] == 2
-    assert found["needlebench_jobs"][("succeeded",)] == 1
+    assert found["needlebench_jobs"][("finished",)] == 1
     assert found["needlebench_jobs"][("timed_out",)] == 0
     assert found["needlebench_queue_length"][()] == 2
     assert found["needlebench_workers"][("slots",)] == 2
@@ -186,7 +186,7 @@ def test_the_doctor_finds_a_newer_and_a_broken_database(tmp_path: Path) -> None:
     assert (newer.exit_code, "another version of needlebench" in newer.output) == (1, True)
     path.write_bytes(b"no database" * 100)
     broken = doctor("--data", str(tmp_path))
-    assert (broken.exit_code, "restore a copy" in broken.output) == (1, True)
+    assert (broken.exit_code, "is damaged" in broken.output) == (1, True)
 
 
 def test_the_doctor_finds_a_full_disk(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -10,7 +10,7 @@ from urllib.parse import urljoin
 
 import pytest
 
-from service.store.job import CANCELLED, FAILED, SUCCEEDED, Outcome
+from service.store.job import CANCELLED, FAILED, FINISHED, Outcome
 from tests.service.http import idle_service
 
 if TYPE_CHECKING:
@@ -42,15 +42,20 @@ def start(http: TestClient, body: dict[str, Any] | None = None) -> dict[str, Any
     return found
 
 
-def run_all(service: Service, *, rmse_mm: float = 0.1, digest: str = "d", state: str = SUCCEEDED) -> int:
+def run_all(service: Service, *, rmse_commanded_mm: float = 0.1, digest: str = "d", state: str = FINISHED) -> int:
     """End every queued job; how many there were."""
     count = 0
     while (job := service.store.claim()) is not None:
-        metrics = {"stable": True, "success": True, "rmse_mm": rmse_mm + 1e-3 * count, "max_error_mm": 0.4}
+        metrics = {
+            "stable": True,
+            "success": True,
+            "rmse_commanded_mm": rmse_commanded_mm + 1e-3 * count,
+            "max_commanded_mm": 0.4,
+        }
         timing = {"plant": {"median_ms": 2.0}, "jacobian": {"median_ms": 0.2}, "command": {"median_ms": 0.1}}
         origin = {"scenario": (job.spec or {})["scenario"], "commit": "abc", "cpu": "cpu", "cpu_count": 2}
         result = {"status": "completed", "metrics": metrics, "timing": timing, "digest": digest, "provenance": origin}
-        if state == SUCCEEDED:
+        if state == FINISHED:
             service.store.finish(job, Outcome(state=state, result=result))
         else:
             service.store.finish(job, Outcome(state=state, error_kind="exception", error="it broke"))
@@ -69,9 +74,10 @@ def ended(both: tuple[TestClient, Service], **how: Any) -> dict[str, Any]:
     return found
 
 
-def test_a_grid_over_element_sizes_takes_the_spacing_along(both: tuple[TestClient, Service]) -> None:
+def test_a_grid_over_element_sizes_takes_the_spacing_of_hard_points_along(both: tuple[TestClient, Service]) -> None:
     http, service = both
-    start(http, {"scenario": "line", "grid": {"tissue.element_size_mm": [6, 10]}})
+    hard = {"interaction": {"line_compliance": False}}
+    start(http, {"scenario": hard, "grid": {"tissue.element_size_mm": [6, 10]}})
     specs = [job.spec or {} for job in (service.store.claim(), service.store.claim()) if job is not None]
     assert sorted(spec["scenario"]["interaction"]["spacing_mm"] for spec in specs) == [6.0, 10.0]
 
@@ -85,7 +91,7 @@ def test_a_campaign_makes_its_jobs_and_ends_with_them(both: tuple[TestClient, Se
     run_all(service)
     service.keeper.tick()
     done = http.get(made["links"]["self"]).json()
-    assert (done["state"], done["jobs"], done["fraction"]) == ("done", {"succeeded": 4}, 1.0)
+    assert (done["state"], done["jobs"], done["fraction"]) == ("done", {"finished": 4}, 1.0)
     cases = http.get(made["links"]["jobs"]).json()["items"]
     assert [case["labels"] for case in cases][:2] == [
         {"controller.kind": "ifem", "seed": 0, "arm": "ifem"},
@@ -108,8 +114,8 @@ def test_a_dry_run_queues_nothing(both: tuple[TestClient, Service]) -> None:
     ("body", "words"),
     [
         ({}, "either suite or grid"),
-        ({"suite": "nonsense-v1"}, "lin100-v1"),
-        ({"suite": "lin100-v1-smoke", "grid": {"seed": [0]}}, "either suite or grid"),
+        ({"suite": "nonsense-v1"}, "lin100-v2"),
+        ({"suite": "lin100-v2-smoke", "grid": {"seed": [0]}}, "either suite or grid"),
         ({"grid": {"seed": []}}, "at least one"),
         ({"grid": {"tissue.mesh_file": ["/etc/passwd"]}}, "not accepted here"),
         ({"grid": {"seed": [0]}, "priority": 1000}, "100"),
@@ -138,13 +144,13 @@ def test_cancelling_keeps_what_is_finished(both: tuple[TestClient, Service]) -> 
     first, second = service.store.claim(), service.store.claim()
     assert first is not None
     assert second is not None
-    service.store.finish(first, Outcome(state=SUCCEEDED, result={"metrics": {}, "status": "completed"}))
+    service.store.finish(first, Outcome(state=FINISHED, result={"metrics": {}, "status": "completed"}))
     for _ in range(2):
         assert http.post(made["links"]["cancel"]).status_code == 202
     service.keeper.tick()
     now = http.get(made["links"]["self"]).json()
     assert (now["state"], now["cancelling"]) == ("running", True)
-    assert now["jobs"] == {"succeeded": 1, "running": 1, "cancelled": 2}
+    assert now["jobs"] == {"finished": 1, "running": 1, "cancelled": 2}
     assert service.store.get_summary(second.id).cancel_requested
     service.store.finish(second, Outcome(state=CANCELLED))
     service.keeper.tick()
@@ -183,7 +189,7 @@ def test_results_as_csv_and_as_a_page(both: tuple[TestClient, Service]) -> None:
 
 def test_a_named_suite_has_the_report_of_the_paper(both: tuple[TestClient, Service]) -> None:
     http, service = both
-    made = start(http, {"suite": "lin100-v1-smoke"})
+    made = start(http, {"suite": "lin100-v2-smoke"})
     run_all(service)
     service.keeper.tick()
     page = http.get(made["links"]["report"]).text
@@ -209,7 +215,7 @@ def test_only_what_has_ended_can_be_deleted(both: tuple[TestClient, Service]) ->
 
 def test_two_campaigns_and_two_controllers_are_compared(both: tuple[TestClient, Service]) -> None:
     http, _ = both
-    one, other = ended(both, rmse_mm=0.1), ended(both, rmse_mm=0.3, digest="e")
+    one, other = ended(both, rmse_commanded_mm=0.1), ended(both, rmse_commanded_mm=0.3, digest="e")
     found = http.post("/api/v1/comparisons", json={"campaigns": [one["id"], other["id"]]}).json()
     assert (found["shared_cases"], found["same_digests"]) == (4, 0)
     assert [round(c["difference_mm"], 6) for c in found["comparisons"]] == [-0.2, -0.2]
@@ -252,4 +258,4 @@ def test_campaigns_are_listed_page_by_page(both: tuple[TestClient, Service]) -> 
 
 def test_suites_are_listed(both: tuple[TestClient, Service]) -> None:
     http, _ = both
-    assert "lin100-v1-smoke" in [item["name"] for item in http.get("/api/v1/suites").json()["items"]]
+    assert "lin100-v2-smoke" in [item["name"] for item in http.get("/api/v1/suites").json()["items"]]

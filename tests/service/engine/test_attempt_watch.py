@@ -92,6 +92,7 @@ def test_progress_is_stored_and_a_cancel_request_noticed(*, cancelled: bool) -> 
     assert store.heard == [due]
     assert [point.depth_mm for point in trace.points_of(JOB)] == [1.0]
     assert publish_progress(store, trace, JOB, None) is cancelled
+    assert publish_progress(store, trace, JOB, None, asks=False) is False
     assert len(store.heard) == 1
     publish_progress(store, trace, JOB, None, beats=True)
     assert store.heard == [due, None]

@@ -56,7 +56,7 @@ def ended(service: Service, clock: Clock, days: list[float], *, size: int = 1000
         folder = service.settings.data / job.folder
         folder.mkdir(parents=True)
         (folder / "recording.rrd").write_bytes(b"x" * size)
-        store.finish(job, Outcome(state="succeeded", result={}))
+        store.finish(job, Outcome(state="finished", result={}))
         ids.append(job.id)
     clock.day = 100.0
     return store, ids
@@ -139,7 +139,7 @@ def test_folders_without_a_job_and_of_earlier_attempts_are_swept(both: tuple[Tes
             service.store.requeue(running, reason="signal 9", crashed=True)
     assert clear(service.store, folder, Policy(), dry_run=False).orphans == ("0123456789abcdef",)
     assert running is not None
-    service.store.finish(running, Outcome(state="succeeded", result={}))
+    service.store.finish(running, Outcome(state="finished", result={}))
     assert clear(service.store, folder, Policy(), dry_run=False).orphans == (f"{job}/1",)
     assert sorted(os.listdir(folder)) == sorted([kept, job])
     assert os.listdir(folder / job) == ["2"]

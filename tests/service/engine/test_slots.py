@@ -78,7 +78,7 @@ def test_whatever_reaches_its_thread_is_logged_and_the_slot_goes_on(
         claim = service.store.claim
         monkeypatch.setattr(service.store, "claim", once(raises(error), claim))
         with caplog.at_level(logging.ERROR):
-            assert ended(service, submit(service)).state == "succeeded"
+            assert ended(service, submit(service)).state == "finished"
         assert f"slot-0 pauses for 1 s: {type(error).__name__}" in caplog.text
         assert (service.engine.alive, service.engine.ended_threads) == (1, [])
 
@@ -92,7 +92,7 @@ def test_a_job_whose_end_the_store_cannot_take_has_failed_and_the_slot_goes_on(
         failed = ended(service, submit(service))
         assert (failed.state, failed.error_kind, failed.attempt) == ("failed", "exception", 1)
         assert (failed.error or "").startswith("its end cannot be stored: UnicodeEncodeError: ")
-        assert ended(service, submit(service)).state == "succeeded"
+        assert ended(service, submit(service)).state == "finished"
 
 
 def takes_a_job_and_ends(slot: Any) -> None:
@@ -106,7 +106,7 @@ def test_a_slot_whose_thread_is_gone_is_replaced_and_its_job_runs_again(
     monkeypatch.setattr(Slot, "run", once(takes_a_job_and_ends, Slot.run))
     with running_engine(tmp_path) as (_, service):
         done = ended(service, submit(service))
-        assert (done.state, done.attempt, done.crashes) == ("succeeded", 2, 1)
+        assert (done.state, done.attempt, done.crashes) == ("finished", 2, 1)
         assert "slot-0 is replaced: its thread has ended" in caplog.text
         (crash,) = (event for event in service.store.events(done.id) if event.kind == "crashed")
         assert crash.data == {"reason": "the slot that ran it was lost"}
@@ -142,7 +142,7 @@ def test_a_slot_that_does_not_get_on_is_told_and_replaced_and_its_job_runs_again
         told = http.get("/readyz")
         assert (told.status_code, "threads: slot-0 has not got on for a minute" in told.text) == (503, True)
         done = ended(service, job)
-        assert (done.state, done.attempt) == ("succeeded", 2)
+        assert (done.state, done.attempt) == ("finished", 2)
         assert service.engine.silent_slots == []
         goes_on.set()
 

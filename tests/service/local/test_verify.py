@@ -16,7 +16,7 @@ from service.store.job import Outcome
 from service.worker.attempt import run_job
 from service.worker.specs import InsertionSpec
 from simcore.rollout import artefacts
-from simcore.rollout.result import Rollout, digest
+from simcore.rollout.digest import digest
 from simcore.rollout.rollout import run
 from simcore.scenario.scenario import Scenario
 from tests.service.http import idle_service
@@ -24,6 +24,8 @@ from tests.service.learned import model_bytes
 
 if TYPE_CHECKING:
     from pathlib import Path
+
+    from simcore.rollout.result import Rollout
 
 SHORT: dict[str, Any] = {
     "name": "short",
@@ -109,7 +111,7 @@ def steered(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, str]:
         folder = data / job.folder
         spec = InsertionSpec(job_id=job.id, scenario=(job.spec or {})["scenario"], files=service.settings.uploads)
         folder.mkdir(parents=True)
-        service.store.finish(job, Outcome(state="succeeded", result=run_job(spec.to_json(), folder)))
+        service.store.finish(job, Outcome(state="finished", result=run_job(spec.to_json(), folder)))
     return data, job.id
 
 
@@ -174,3 +176,20 @@ def test_a_broken_series_is_named(rollout: Rollout, tmp_path: Path) -> None:
     assert "series.npz cannot be read" in told.output
     with pytest.raises(CannotVerifyError):
         compare({"digest": "0"}, None, rollout)
+
+
+def test_another_processor_or_blas_is_warned_of(rollout: Rollout, tmp_path: Path) -> None:
+    path = stored(rollout, tmp_path)
+    result = json.loads(path.read_text())
+    origin = result["provenance"]
+    assert origin["llvm_cpu"]
+    assert {"blas_core", "blas_version"} <= origin.keys()
+    same = needlebench("verify", str(path))
+    assert "another processor" not in same.stderr
+    features = f"{origin['llvm_features']} avx9000"
+    path.write_text(json.dumps({**result, "provenance": {**origin, "blas_core": "P5", "llvm_features": features}}))
+    other = needlebench("verify", str(path))
+    assert other.exit_code == 0
+    assert "warning: the kernels or the BLAS are for another processor than then" in other.stderr
+    assert f"blas_core          P5 -> {origin['blas_core']}" in other.stdout
+    assert "llvm_features      with avx9000 -> without" in other.stdout

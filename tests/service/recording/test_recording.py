@@ -234,8 +234,8 @@ def test_scenario_provenance_and_result_are_properties(kept: tuple[Path, Keeper]
     path, keeper = kept
     result = static(path, "__properties/result")
     assert result["digest"] == [keeper.rollout.result()["digest"]]
-    assert result["metrics.rmse_mm"] == [0.25]
-    assert "metrics.final_error_mm" not in result  # null
+    assert result["metrics.rmse_commanded_mm"] == [0.25]
+    assert "metrics.final_same_time_mm" not in result  # null
     scenario = static(path, "__properties/scenario")
     assert (scenario["seed"], scenario["trajectory.amplitude_mm"]) == ([7.0], [3.0])
     assert static(path, "__properties/provenance")["commit"] == ["abc1234"]

@@ -46,7 +46,7 @@ def test_a_database_of_another_version_is_refused_and_left_alone(tmp_path: Path,
         connection.execute(text("UPDATE alembic_version SET version_num = :revision"), {"revision": revision})
     engine.dispose()
     before = path.read_bytes()
-    with pytest.raises(ForeignDatabaseError, match=rf"revision {revision}, this version uses all_tables\).*--data"):
+    with pytest.raises(ForeignDatabaseError, match=rf"revision {revision}, this version uses {REVISION}\).*--data"):
         open_database(path)
     assert path.read_bytes() == before
     assert not (tmp_path / "backups").exists()
@@ -86,7 +86,7 @@ def next_revision(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 NEXT = """
 from alembic import op
 import sqlalchemy as sa
-revision, down_revision = "next", "all_tables"
+revision, down_revision = "next", "owners_and_lanes"
 def upgrade():
     op.add_column("job", sa.Column("colour", sa.String(8), server_default="red", nullable=False))
 """
@@ -103,8 +103,8 @@ def test_an_older_database_is_copied_then_upgraded_with_its_jobs(
         assert connection.execute("SELECT id, colour FROM job").fetchall() == [("old", "red")]
     assert revision_of(path) == revisions()[0] == "next"
     (copy,) = backups.iterdir()
-    assert copy.name == "a-all_tables-19700101T000000Z.sqlite"
-    assert revision_of(copy) == "all_tables"
+    assert copy.name == "a-owners_and_lanes-19700101T000000Z.sqlite"
+    assert revision_of(copy) == "owners_and_lanes"
     with closing(sqlite3.connect(copy)) as connection:
         assert connection.execute("SELECT id FROM job").fetchall() == [("old",)]
     assert copy.name in caplog.text
@@ -126,7 +126,7 @@ def test_an_upgrade_that_fails_leaves_the_database_as_it_was(
     with pytest.raises(OSError, match="No space left"):
         open_database(path)
     assert statements(path) == before
-    assert revision_of(path) == "all_tables"
+    assert revision_of(path) == "owners_and_lanes"
 
 
 def statements(path: Path) -> list[tuple[str]]:

@@ -56,7 +56,11 @@ def test_without_a_key_nobody_is_asked_and_from_the_first_one_on_everybody(both:
     assert http.get(JOBS).status_code == 401
     assert http.get(JOBS, headers=headers).status_code == 200
     service.keys.revoke(service.keys.all()[0].id)
-    assert http.get(JOBS, headers=headers).status_code == 200, "on loopback, without any key left"
+    assert http.get(JOBS, headers=headers).status_code == 401, "a service does not open because its last key goes"
+    assert http.get(JOBS).status_code == 401
+    again = Keys(service.store)  # of the next start
+    assert again.wanted()
+    assert http.get(JOBS, headers=bearer(service, "admin")).status_code == 200, "the command line is the way back in"
 
 
 def test_scopes_are_steps(both: tuple[TestClient, Service]) -> None:

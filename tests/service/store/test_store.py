@@ -23,7 +23,7 @@ from service.store.job import (
     Outcome,
     UnknownJobError,
 )
-from service.store.job_queries import NEXT
+from service.store.job_queries import HIGHEST, LANES
 from service.store.jobs import Store
 from tests.budget import examples
 from tests.service.databases import lay_down
@@ -58,7 +58,7 @@ def claim(store: Store) -> Job:
     return job
 
 
-RESULT = Outcome(state="succeeded", result={"status": "completed", "metrics": {"rmse_mm": 0.5}})
+RESULT = Outcome(state="finished", result={"status": "completed", "metrics": {"rmse_commanded_mm": 0.5}})
 
 
 def kinds(store: Store, job: Job) -> list[str]:
@@ -70,10 +70,10 @@ def test_the_life_of_a_job(store: Store, heard: list[str]) -> None:
     running = claim(store)
     store.beat(running, {"step": 5, "steps": 10, "fraction": 0.5})
     file = Artefact(kind="result", name="result.json", path="jobs/a/1/result.json", sha256="ab", bytes=3)
-    done = store.finish(running, Outcome(state="succeeded", result=RESULT.result, artefacts=(file,)))
-    assert (done.state, done.attempt, done.metrics) == ("succeeded", 1, {"rmse_mm": 0.5})
+    done = store.finish(running, Outcome(state="finished", result=RESULT.result, artefacts=(file,)))
+    assert (done.state, done.attempt, done.metrics) == ("finished", 1, {"rmse_commanded_mm": 0.5})
     assert store.artefacts(job.id) == [file]
-    assert kinds(store, job) == ["queued", "started", "succeeded"]
+    assert kinds(store, job) == ["queued", "started", "finished"]
     assert heard == [job.id] * 4
     assert job.version < running.version < done.version
     assert job.created_at < (running.started_at or 0) < (done.finished_at or 0)
@@ -115,7 +115,7 @@ def test_cancelling_a_running_job_asks_its_owner(store: Store) -> None:
 def test_a_job_that_ended_cannot_be_cancelled(store: Store) -> None:
     submit(store)
     done = store.finish(claim(store), RESULT)
-    with pytest.raises(IllegalTransitionError, match="is succeeded"):
+    with pytest.raises(IllegalTransitionError, match="is finished"):
         store.cancel(done.id)
 
 
@@ -153,7 +153,7 @@ def test_the_owner_of_before_can_change_nothing(store: Store) -> None:
     assert store.get(first.id).progress is None
     with pytest.raises(IllegalTransitionError):
         store.finish(first, RESULT)
-    assert store.finish(second, RESULT).state == "succeeded"
+    assert store.finish(second, RESULT).state == "finished"
 
 
 def test_an_idempotency_key_gives_the_same_job_again(store: Store) -> None:
@@ -189,7 +189,7 @@ def test_a_result_with_nan_is_refused_and_the_job_stays(store: Store) -> None:
     submit(store)
     running = claim(store)
     with pytest.raises(Exception, match="JSON compliant"):
-        store.finish(running, Outcome(state="succeeded", result={"metrics": {"rmse_mm": float("nan")}}))
+        store.finish(running, Outcome(state="finished", result={"metrics": {"rmse_commanded_mm": float("nan")}}))
     assert store.get(running.id).state == "running"
 
 
@@ -277,7 +277,7 @@ def test_a_clock_that_is_set_back_orders_nothing(tmp_path: Path) -> None:
     assert running.name == "a"
     store.finish(running, RESULT)
     assert claim(store).id == second.id
-    assert kinds(store, first) == ["queued", "started", "succeeded"]
+    assert kinds(store, first) == ["queued", "started", "finished"]
     done = store.get(first.id)
     assert (done.finished_at or 0) < (done.started_at or 0) < done.created_at
     folder = tmp_path / "jobs"
@@ -344,11 +344,11 @@ def test_an_exchange_ends_one_job_and_takes_the_next_and_tells_nobody_before_it_
     done, taken = store.exchange(running, RESULT)
     assert taken is not None
     assert not heard
-    assert (done.state, done.result, done.metrics) == ("succeeded", RESULT.result, {"rmse_mm": 0.5})
+    assert (done.state, done.result, done.metrics) == ("finished", RESULT.result, {"rmse_commanded_mm": 0.5})
     assert (taken.id, taken.state, taken.attempt) == (second.id, "running", 1)
     assert (store.get(first.id), store.get(second.id)) == (done, taken)
     assert [(event.job_id, event.kind) for event in store.events()][-2:] == [
-        (first.id, "succeeded"),
+        (first.id, "finished"),
         (second.id, "started"),
     ]
     store.publish(done.id, taken.id)
@@ -373,9 +373,47 @@ def test_what_a_client_is_promised_waits_for_the_disk(store: Store) -> None:
 
 
 def test_the_next_job_is_found_without_looking_at_the_others(store: Store) -> None:
-    """However many are queued."""
-    dialect = store.engine.dialect
-    plan = "EXPLAIN QUERY PLAN " + str(NEXT.element.compile(dialect=dialect, compile_kwargs={"literal_binds": True}))
-    with store.reading() as connection:
-        steps = [row.detail for row in connection.exec_driver_sql(plan)]
-    assert steps == ["SCAN job USING INDEX ix_job_queued"]
+    """However many are queued: only an index is read, of one priority, and nothing is sorted."""
+    for query in (HIGHEST, LANES.params(of_priority=0)):
+        text = str(query.compile(dialect=store.engine.dialect, compile_kwargs={"literal_binds": True}))
+        with store.reading() as connection:
+            steps = [row.detail for row in connection.exec_driver_sql(f"EXPLAIN QUERY PLAN {text}")]
+        assert len(steps) == 1
+        assert "USING COVERING INDEX ix_job_queued" in steps[0], steps
+
+
+# ---- outcomes
+
+
+@pytest.mark.parametrize(
+    ("kind", "result", "outcome"),
+    [
+        ("insertion", {"status": "completed", "metrics": {"success": True}}, "success"),
+        ("insertion", {"status": "completed", "metrics": {"success": False}}, "missed"),
+        ("insertion", {"status": "target_lost", "metrics": {"success": False}}, "target_lost"),
+        ("insertion", {"status": "of another version", "metrics": {}}, "missed"),
+        ("training", {"metrics": {"model": "a.json"}}, "success"),
+    ],
+)
+def test_a_job_that_finished_has_an_outcome(store: Store, kind: str, result: dict[str, Any], outcome: str) -> None:
+    job = submit(store, kind=kind)
+    assert (job.outcome, claim(store).outcome) == (None, None)
+    done = store.finish(store.get(job.id), Outcome(state="finished", result=result))
+    assert (done.outcome, store.get(job.id).outcome) == (outcome, outcome)
+    assert store.events(job.id)[-1].data == {"outcome": outcome}
+    assert [one.id for one in store.newest(outcome=outcome)] == [job.id]
+    assert store.newest(outcome="inverted") == []
+    assert store.outcomes() == {outcome: 1}
+
+
+def test_a_job_that_left_no_result_has_no_outcome(store: Store) -> None:
+    submit(store)
+    done = store.finish(claim(store), Outcome(state="failed", error_kind="exception", error="x"))
+    assert (done.outcome, store.outcomes()) == (None, {})
+
+
+def test_outcomes_are_counted_in_a_fixed_order(store: Store) -> None:
+    for status in ("buckled", "completed", "buckled"):
+        submit(store)
+        store.finish(claim(store), Outcome(state="finished", result={"status": status, "metrics": {}}))
+    assert list(store.outcomes().items()) == [("missed", 1), ("buckled", 2)]

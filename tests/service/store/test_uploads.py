@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import hashlib
 import io
 import json
@@ -97,6 +98,30 @@ def test_a_job_names_an_upload_and_holds_it_until_it_has_ended(
     told = http.post(JOBS, json={"scenario": scenario(sent["reference"])})
     assert (told.status_code, told.json()["errors"][0]["field"]) == (422, "tissue.mesh_file")
     assert "no upload of this service" in told.json()["detail"]
+
+
+def test_a_replay_names_its_poses_as_an_upload_and_never_as_a_path(http: TestClient, tmp_path: Path) -> None:
+    rows = np.array([[18.0, 31.0, -180.0 + 0.5 * i, 1.0, 0.0, 0.0, 0.0] for i in range(1000)])
+    np.save(tmp_path / "log.npy", rows)
+    data = (tmp_path / "log.npy").read_bytes()
+    sent = send(http, data, "log.npy", "poses").json()
+    assert (sent["kind"], sent["content"]) == ("poses", {"poses": 1000})
+    controller = {"kind": "replay", "poses_file": sent["reference"]}
+    job = http.post(JOBS, json={"scenario": {"controller": controller}})
+    assert job.status_code == 202
+    assert job.json()["progress"]["steps"] == 1000
+    assert job.json()["scenario"]["controller"]["poses_sha256"] == hashlib.sha256(data).hexdigest()
+    assert len(job.content) < 10_000  # the job keeps the name, not the poses
+    assert http.delete(f"{UPLOADS}/{sent['id']}").status_code == 409
+    controller = {"kind": "replay", "poses_file": str(tmp_path / "log.npy")}
+    refused = http.post(JOBS, json={"scenario": {"controller": controller}})
+    assert refused.status_code == 422
+    assert refused.json()["errors"][0]["field"] == "controller.poses_file"
+    wrong = io.BytesIO()
+    np.save(wrong, rows[:, :6])
+    refused = send(http, wrong.getvalue(), "log.npy", "poses")
+    assert refused.status_code == 422
+    assert "rows of 7 numbers, and is 1000 x 6" in refused.json()["detail"]
 
 
 @pytest.mark.parametrize("path", [JOBS, "/api/v1/campaigns"])
@@ -368,3 +393,42 @@ def test_limits_are_told_in_the_estimate(tmp_path: Path) -> None:
     assert error["field"] == "tissue.mesh_file"
     assert "gives 105 nodes, at most 100 are allowed here (estimate: 105 nodes" in error["message"]
     assert json.dumps(told)
+
+
+def test_what_is_still_coming_in_is_counted_and_removed(tmp_path: Path) -> None:
+    with idle_service(tmp_path / "data", limits=Limits(uploads_mb=0.01)) as (http, service):
+        uploads = service.uploads
+        first = uploads.draft(".msh")
+        first.write_bytes(b"x" * 6000)
+        uploads.grow(first, 6000)
+        answer = send(http, b"y" * 5000)
+        assert (answer.status_code, answer.json()["code"]) == (507, "uploads-full")
+        assert "with those that are coming in" in answer.json()["detail"]
+        assert [path.name for path in uploads.folder.iterdir()] == [first.name]
+        uploads.drop(first)
+        uploads.drop(first)
+        assert list(uploads.folder.iterdir()) == []
+        assert send(http, b"y" * 5000).status_code == 422  # looked into: it is no mesh
+        assert uploads._incoming == {}
+
+
+def test_a_disk_that_is_full_during_an_upload_is_507_and_leaves_nothing(
+    http: TestClient, both: tuple[TestClient, Service], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    service = both[1]
+
+    def refuse(*_: object) -> None:
+        raise OSError(errno.ENOSPC, "No space left on device")
+
+    monkeypatch.setattr(service.uploads, "grow", refuse)
+    answer = send(http, b"y" * 5000)
+    assert (answer.status_code, answer.json()["code"]) == (507, "disk-full")
+    assert "No space left on device" in answer.json()["detail"]
+    assert list(service.settings.uploads.iterdir()) == []
+
+
+def test_a_truncated_archive_of_arrays_is_422(http: TestClient) -> None:
+    whole = dataset_bytes()
+    for length in (10, 200, len(whole) // 2, len(whole) - 30):
+        answer = send(http, whole[:length], "data.npz", "dataset")
+        assert (answer.status_code, answer.json()["code"]) == (422, "upload-unusable"), length

@@ -80,7 +80,7 @@ def site(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Site]:
         a, b = ended
         where = {
             "/": "jobs",
-            "/?state=succeeded": "jobs of a state",
+            "/?state=finished": "jobs of a state",
             "/?state=timed_out": "no jobs",
             "/submit": "form",
             f"/submit?from={done}": "form from a job",
@@ -208,9 +208,9 @@ def test_hostile_names_stay_text(site: Site) -> None:
     assert seen >= 8
 
 
-def test_a_variant_of_a_job_lets_the_spacing_follow(site: Site) -> None:
+def test_a_variant_of_a_job_leaves_the_spacing_to_be_derived(site: Site) -> None:
     http, service, _ = site
-    job = service.store.newest(state="succeeded")[-1].id
+    job = service.store.newest(state="finished")[-1].id
     (given,) = Page(http.get(f"/submit?from={job}").text).values("data-given")
     assert json.loads(given)["interaction"]["spacing_mm"] is None
 

@@ -36,11 +36,11 @@ def attempt(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, error: BaseExceptio
 @pytest.mark.parametrize(
     ("error", "told"),
     [
-        (SystemExit(3), "SystemExit: 3 ("),
-        (KeyboardInterrupt(), "KeyboardInterrupt ("),
-        (GeneratorExit(), "GeneratorExit ("),
-        (StopIteration(), "StopIteration ("),
-        (ValueError("\ud800"), "ValueError: \\ud800 ("),
+        (SystemExit(3), "SystemExit: 3 (controller 'faulty', step 0) ("),
+        (KeyboardInterrupt(), "KeyboardInterrupt (controller 'faulty', step 0) ("),
+        (GeneratorExit(), "GeneratorExit (controller 'faulty', step 0) ("),
+        (StopIteration(), "PluginError: controller 'faulty', step 0: StopIteration ("),
+        (ValueError("\ud800"), "PluginError: controller 'faulty', step 0: ValueError: \\ud800 ("),
     ],
 )
 def test_whatever_a_plug_in_raises_is_reported_and_its_recording_closed(
@@ -49,6 +49,7 @@ def test_whatever_a_plug_in_raises_is_reported_and_its_recording_closed(
     report = attempt(tmp_path, monkeypatch, error)
     assert (report.result, report.error_kind) == (None, "exception")
     assert report.error.startswith(told)
+    assert "(test_attempt.py, line " in report.error
     assert {file["name"] for file in report.artefacts} == {"recording.rrd", "job.log"}
     assert type(error).__name__ in (tmp_path / "1" / "job.log").read_text()
 

@@ -35,6 +35,7 @@ Vector = np.ndarray
 control = partial(verify, "control")
 PATH_STEP_MM = 0.1  # of the target in one step of 10 ms at 10 mm/s
 LINE = {"kind": "line", "entry_mm": [12, 20, 0], "target_mm": [12, 22, 40]}
+FREE = {"direction_speed_mm_s": 1e5}  # no singular direction is slowed
 UNLIMITED = {"max_speed_mm_s": 1000.0, "max_turn_deg_s": 3600.0}
 BASE: dict[str, Any] = {
     "tissue": {"size_mm": [24, 40, 60], "element_size_mm": 10},
@@ -85,7 +86,7 @@ def test_rmse_over_gain(gain: float) -> None:
     control(
         f"tip RMSE on a 1 mm sine, gain {gain:g}",
         expected=abs(1.0 - gain) / gain * PATH_STEP_MM,
-        measured=rollout(controller={"gain": gain}).metrics["rmse_mm"],
+        measured=rollout(controller={"gain": gain}).metrics["rmse_commanded_mm"],
         tolerance=0.008,
         source="lag of a proportional loop behind a ramp, |1 - k| d / k (Franklin, Powell and Emami-Naeini)",
         unit="mm",
@@ -95,33 +96,42 @@ def test_rmse_over_gain(gain: float) -> None:
 def test_remote_centre_error_falls_with_its_gain() -> None:
     """The same lag behind a drift: for small gains the error is inverse to the gain."""
     gains = [0.125, 0.25, 0.5]
-    found = order(gains, measures("rcm_mean_mm", gains, lambda k: {"controller": {"rcm_gain": k}}))
+    found = order(gains, measures("rcm_mean_mm", gains, lambda k: {"controller": {"rcm_gain": k, **FREE}}))
     text = "remote-centre error over rcm_gain 0.125 to 0.5: exponent"
     control(text, expected=-1, measured=found, tolerance=0.15, source="lag of a proportional loop behind a drift")
 
 
-def test_errors_over_damping() -> None:
-    """The share of an error that a step leaves is d^2 / (s^2 + d^2): order 2 while d is below the singular values; both
-    errors rise with d, and the default (0.05) costs less than 0.01 mm."""
-    dampings = [0.001, 0.05, 0.1, 0.2, 0.4]
-    rmse, rcm = (
-        measures(name, dampings, lambda d: {"controller": {"damping": d}}) for name in ("rmse_mm", "rcm_mean_mm")
+def test_errors_over_the_speed_of_a_direction() -> None:
+    """What may not move fast enough is late: the tip error falls to that of the undamped inverse as the speed rises,
+    and the default (1000 mm/s) costs less than 0.01 mm."""
+    speeds_mm_s = [10.0, 30.0, 100.0, 1000.0, 1e5]
+    rmse = measures("rmse_commanded_mm", speeds_mm_s, lambda speed: {"controller": {"direction_speed_mm_s": speed}})
+    assert rmse[0] > rmse[1] > rmse[-1]
+    text, source = (
+        "tip RMSE: default direction speed against none",
+        "selectively damped least squares, Buss and Kim 2005",
     )
-    assert (np.diff(rmse) > 0.0).all()
-    assert (np.diff(rcm) > 0.0).all()
-    source = "damped least squares, Wampler 1986: filter s / (s^2 + d^2)"
-    for name, errors in (("tip RMSE", rmse), ("remote-centre error", rcm)):
-        text = f"{name}: default damping against almost none"
-        control(text, expected=0, measured=errors[1] - errors[0], tolerance=0.01, source=source, unit="mm")
-    found, text = order(dampings[2:], rmse[2:]), "tip RMSE over damping 0.1 to 0.4: exponent"
-    control(text, expected=2, measured=found, tolerance=0.25, source=source)
+    control(text, expected=0, measured=rmse[3] - rmse[4], tolerance=0.01, source=source, unit="mm")
 
 
-@pytest.mark.parametrize("name", ["rmse_mm", "rcm_mean_mm"])
+@pytest.mark.parametrize("weight", [1.0, 0.1])
+def test_the_damping_does_not_depend_on_the_time_step(weight: float) -> None:
+    """Where it acts in a fifth of what it is by default, the tip error stays the same from 20 to 5 ms."""
+    steps_s = [0.02, 0.01, 0.005]
+    slow = {"controller": {"direction_speed_mm_s": 20.0, "rcm_weight": weight}}
+    rmse = measures("rmse_commanded_mm", steps_s, lambda dt: {"dt_s": dt, **slow})
+    text, source = (
+        f"tip RMSE over dt 20 to 5 ms, weak directions slow, weight {weight:g}: exponent",
+        "a speed, not a step",
+    )
+    control(text, expected=0, measured=order(steps_s, rmse), tolerance=0.15, source=source)
+
+
+@pytest.mark.parametrize("name", ["rmse_commanded_mm", "rcm_mean_mm"])
 def test_errors_over_time_step(name: str) -> None:
     """One correction a step: a curved path leaves an error in proportion to the step."""
     steps_s = [0.04, 0.02, 0.01, 0.005]
-    found = order(steps_s, measures(name, steps_s, lambda dt: {"dt_s": dt}))
+    found = order(steps_s, measures(name, steps_s, lambda dt: {"dt_s": dt, "controller": FREE}))
     text, source = f"{name.removesuffix('_mm')} over dt 40 to 5 ms: exponent", "first-order loop along a curve"
     control(text, expected=1, measured=found, tolerance=0.15, source=source)
 
@@ -129,9 +139,9 @@ def test_errors_over_time_step(name: str) -> None:
 # noise
 
 
-def noise_gain(*, gain: float, damping: float, noise_mm: float) -> Vector:
+def noise_gain(*, gain: float, noise_mm: float) -> Vector:
     """(3,) RMS of the tip's deviation from the run without noise, over the RMS of the target's noise."""
-    blocks = {"trajectory": LINE, "robot": UNLIMITED, "controller": {"gain": gain, "damping": damping}, "seed": 3}
+    blocks = {"trajectory": LINE, "robot": UNLIMITED, "controller": {"gain": gain, **FREE}, "seed": 3}
     clean, noisy = rollout(**blocks).series, rollout(**blocks, noise_mm=noise_mm).series
     moved = (noisy["tip_m"] - clean["tip_m"])[100:]
     noise = (noisy["target_noisy_m"] - noisy["target_m"])[100:]
@@ -146,23 +156,11 @@ def test_tip_noise_is_that_of_a_first_order_filter(gain: float, noise_mm: float)
     control(
         f"tip noise / target noise, x y z, gain {gain:g}, +-{noise_mm:g} mm",
         expected=math.sqrt(gain / (2.0 - gain)),
-        measured=noise_gain(gain=gain, damping=1e-3, noise_mm=noise_mm),
+        measured=noise_gain(gain=gain, noise_mm=noise_mm),
         tolerance=0.08,
         relative=True,
         source="variance of a first-order autoregression, k / (2 - k) (Box and Jenkins); 300 samples",
     )
-
-
-@pytest.mark.parametrize("gain", [0.5, 1.0])
-def test_the_default_damping_never_amplifies_noise(gain: float) -> None:
-    """Damping takes from every singular value: each axis lies below the undamped loop, the stiff ones (x, y) far."""
-    damped = noise_gain(gain=gain, damping=0.05, noise_mm=0.04)
-    beyond = damped - noise_gain(gain=gain, damping=1e-3, noise_mm=0.04)
-    text = f"tip noise at the default damping, gain {gain:g}: amplified beyond almost none, x y z"
-    source = "damped least squares, Wampler 1986: filter s / (s^2 + d^2)"
-    control(text, expected=0, measured=np.maximum(beyond, 0.0), tolerance=1e-12, source=source)
-    assert (beyond < 0.0).all()
-    assert damped[1] < 0.8 * damped[2]
 
 
 # speed limits
@@ -178,9 +176,10 @@ def speeds(series: dict[str, Vector], dt_s: float) -> tuple[Vector, Vector]:
 
 @pytest.mark.parametrize(("speed", "turn"), [(10.5, 3600.0), (1000.0, 3.0), (12.0, 3.0)])
 def test_speed_limits_hold_at_every_step(speed: float, turn: float) -> None:
-    """Tight limits, noisy target: no step above a limit, and every limited step uses one of them fully."""
+    """Tight limits, noisy target: no step above a limit, and every limited step uses one of them fully. The tip may
+    fall far behind."""
     robot = {"max_speed_mm_s": speed, "max_turn_deg_s": turn}
-    series = rollout(noise_mm=0.25, seed=5, robot=robot).series
+    series = rollout(noise_mm=0.25, seed=5, robot=robot, success_mm=50.0).series
     limited = series["limited"][1:]
     share = np.divide(speeds(series, 0.01), [[speed], [turn]]).max(axis=0)
     assert limited.mean() > 0.5
@@ -200,7 +199,7 @@ class Held:
         self.scenario, self.insertion, self.path = described, insertion_of(described), described.path()
         self.state = self.insertion.initial_state(self.path.first_tangent())
         self.controller = InverseFemController(
-            InverseFem(), lambda _: linearise(self.insertion.model, self.state.solved)
+            InverseFem(), lambda _: linearise(self.insertion.model, self.state.solved), described.dt_s
         )
         self.limited: list[bool] = []
 
@@ -225,8 +224,9 @@ JUMPS = {
 
 @pytest.mark.parametrize("name", JUMPS)
 def test_recovery_from_a_jump_of_the_target(name: str) -> None:
-    """2 mm at a depth of 30 mm: the limits act, the tip is back below 0.1 mm within the stated steps (a quarter more
-    than it takes), stays, and goes past the target by less than 0.01 mm. The limit of 50 mm/s alone asks for four."""
+    """2 mm at a depth of 30 mm: the robot's limits act (less along a weak direction, slowed before), the
+    tip is back below 0.1 mm within the stated steps (a quarter more than it takes), stays, and goes past the target by
+    less than 0.01 mm. The limit of 50 mm/s alone asks for four."""
     shift, allowed = JUMPS[name]
     loop, jump = Held(scenario(trajectory=LINE)), np.array(shift) * 1e-3
     depths = np.arange(1, 76) * 4e-4
@@ -238,8 +238,8 @@ def test_recovery_from_a_jump_of_the_target(name: str) -> None:
     distance = np.linalg.norm(misses, axis=1)
     source = "step response of a proportional loop of gain 1 behind a rate limit: no overshoot"
     overshoot = max((misses @ jump / np.linalg.norm(jump)).max(), 0.0)
-    assert sum(loop.limited) >= 3
-    assert (np.diff(distance[: sum(loop.limited)]) < 0.0).all()
+    assert any(loop.limited)
+    assert (np.diff(distance[:4]) < 0.0).all()
     text, after = f"2 mm jump {name}", f"error after {allowed} steps"
     control(f"{text}: {after}", expected=0, measured=distance[allowed:], tolerance=0.1, source=source, unit="mm")
     control(f"{text}: overshoot", expected=0, measured=overshoot, tolerance=0.01, source=source, unit="mm")
@@ -250,8 +250,8 @@ def test_recovery_from_a_jump_of_the_target(name: str) -> None:
 
 def test_steering_is_far_better_than_open_loop_on_a_curved_path() -> None:
     """An open-loop needle on a sine of 1 mm has about 0.71 mm RMSE (spec of the experiments): the overlay itself."""
-    blind = rollout(controller={"kind": "open_loop"}).metrics["rmse_mm"]
-    steered = rollout().metrics["rmse_mm"]
+    blind = rollout(controller={"kind": "open_loop"}).metrics["rmse_commanded_mm"]
+    steered = rollout().metrics["rmse_commanded_mm"]
     source = "root mean square of a sine of amplitude 1 mm, spec of the experiments"
     text, expected = "open loop on a 1 mm sine: RMSE", math.sqrt(0.5)
     control(text, expected=expected, measured=blind, tolerance=0.03, source=source, unit="mm")
@@ -269,6 +269,6 @@ def test_without_the_remote_centre_the_shaft_leaves_the_entry() -> None:
         tolerance=0.01,
         source="objective switched off, spec of the controllers",
     )
-    assert free.metrics["rmse_mm"] < 0.02
+    assert free.metrics["rmse_commanded_mm"] < 0.02
     assert free.metrics["rcm_mean_mm"] > 1.0
     assert free.metrics["max_tissue_displacement_mm"] > 2 * guided.metrics["max_tissue_displacement_mm"]

@@ -9,11 +9,9 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
-from hypothesis import strategies as st
 
 from simcore.controllers import Observation, make_controller
-from simcore.controllers.ifem import InverseFemController, damped_inverse, objectives
+from simcore.controllers.ifem import InverseFemController, objectives
 from simcore.controllers.open_loop import OpenLoopController
 from simcore.controllers.replay import ReplayController
 from simcore.insertion.insertion import rotation_towards
@@ -22,57 +20,12 @@ from simcore.insertion.state import Pose
 from simcore.rotations import exp_map, log_map, skew
 from simcore.scenario.scenario import InverseFem, Scenario
 from simcore.trajectory import targets
-from tests.budget import examples
 
 if TYPE_CHECKING:
     from collections.abc import Callable
 
 Vector = np.ndarray
 LENGTH_M = 0.18
-
-jacobians = st.integers(0, 2**32 - 1).map(lambda seed: np.random.default_rng(seed).normal(size=(5, 6)))
-dampings = st.floats(1e-3, 10.0)
-quick = settings(max_examples=examples(100), deadline=None)
-
-
-# ---- the damped inverse
-
-
-@quick
-@given(jacobians, dampings)
-def test_the_damped_inverse_is_its_formula_from_both_sides(jacobian: Vector, damping: float) -> None:
-    """J^T (J J^T + d^2 I)^-1 = (J^T J + d^2 I)^-1 J^T."""
-    found = damped_inverse(jacobian, damping)
-    np.testing.assert_allclose(found @ (jacobian @ jacobian.T + damping**2 * np.eye(5)), jacobian.T, atol=1e-10)
-    other = np.linalg.inv(jacobian.T @ jacobian + damping**2 * np.eye(6)) @ jacobian.T
-    np.testing.assert_allclose(found, other, rtol=1e-5, atol=1e-7 / damping**2)
-
-
-@quick
-@given(jacobians, dampings)
-def test_the_damped_inverse_filters_singular_values(jacobian: Vector, damping: float) -> None:
-    """s -> s / (s^2 + d^2): never above 1 / (2 d), whatever the Jacobian."""
-    u, s, vt = np.linalg.svd(jacobian, full_matrices=False)
-    expected = vt.T @ np.diag(s / (s**2 + damping**2)) @ u.T
-    np.testing.assert_allclose(damped_inverse(jacobian, damping), expected, atol=1e-8)
-    assert np.linalg.norm(damped_inverse(jacobian, damping), 2) <= 0.5 / damping * (1 + 1e-9)
-
-
-def test_without_damping_it_is_the_pseudo_inverse() -> None:
-    jacobian = np.random.default_rng(1).normal(size=(3, 6))
-    np.testing.assert_allclose(damped_inverse(jacobian, 0.0), np.linalg.pinv(jacobian), atol=1e-12)
-    np.testing.assert_allclose(damped_inverse(jacobian, 1e-7), np.linalg.pinv(jacobian), atol=1e-9)
-
-
-def test_a_singular_jacobian_is_harmless() -> None:
-    singular = np.outer([1.0, 2.0, 3.0], np.ones(6))
-    assert np.linalg.norm(damped_inverse(singular, 0.05), 2) <= 10.0
-    assert not damped_inverse(np.zeros((3, 6)), 0.05).any()
-
-
-def test_much_damping_is_the_gradient() -> None:
-    jacobian = np.random.default_rng(2).normal(size=(5, 6))
-    np.testing.assert_allclose(damped_inverse(jacobian, 1e4) * 1e8, jacobian.T, rtol=1e-6)
 
 
 # ---- inverse FEM on a linear plant
@@ -104,13 +57,14 @@ class RigidNeedle:
         return Observation(0, self.base, self.tip_m, target_m)
 
 
+DT_S = 0.01
 START = Pose(np.array([0.0, 0.0, -0.15]), np.eye(3))
 BESIDE = Pose(np.array([2e-3, -1e-3, -0.15]), exp_map(np.array([0.01, 0.03, 0.0])))
 
 
 def follow(plant: RigidNeedle, settings_: InverseFem, target_m: Vector, steps: int) -> list[float]:
     """Distances of the tip from a fixed target, step by step, without robot limits."""
-    controller = InverseFemController(settings_, plant)
+    controller = InverseFemController(settings_, plant, DT_S)
     gaps = []
     for _ in range(steps):
         plant.base = controller.command(plant.observe(target_m))
@@ -120,20 +74,20 @@ def follow(plant: RigidNeedle, settings_: InverseFem, target_m: Vector, steps: i
 
 def test_the_tip_reaches_a_target_on_the_axis_in_one_step() -> None:
     target = np.array([0.0, 0.0, 0.031])
-    (gap,) = follow(RigidNeedle(START), InverseFem(damping=1e-4), target, 1)
+    (gap,) = follow(RigidNeedle(START), InverseFem(direction_speed_mm_s=1e5), target, 1)
     assert gap < 1e-10
 
 
 def test_the_tip_reaches_a_target_beside_and_the_needle_passes_the_entry() -> None:
     plant, target = RigidNeedle(START), np.array([1e-3, -2e-3, 0.032])
-    gaps = follow(plant, InverseFem(damping=1e-4), target, 8)
+    gaps = follow(plant, InverseFem(direction_speed_mm_s=1e5), target, 8)
     assert gaps[-1] < 1e-9
     assert np.linalg.norm(plant().rcm_error_m) < 1e-9
 
 
-def test_damping_slows_but_does_not_shift_the_goal() -> None:
+def test_a_slow_direction_takes_longer_and_ends_at_the_same_goal() -> None:
     target = np.array([1e-3, -2e-3, 0.032])
-    gaps = follow(RigidNeedle(START), InverseFem(), target, 60)
+    gaps = follow(RigidNeedle(START), InverseFem(), target, 150)
     assert all(after <= before for before, after in pairwise(gaps[:20]))
     assert gaps[-1] < 1e-8
 
@@ -141,14 +95,14 @@ def test_damping_slows_but_does_not_shift_the_goal() -> None:
 @pytest.mark.parametrize("gain", [0.25, 0.5, 1.0])
 def test_the_gain_is_the_share_of_the_error_taken_away(gain: float) -> None:
     target = np.array([0.0, 0.0, 0.031])
-    (gap,) = follow(RigidNeedle(START), InverseFem(damping=1e-4, gain=gain), target, 1)
+    (gap,) = follow(RigidNeedle(START), InverseFem(direction_speed_mm_s=1e5, gain=gain), target, 1)
     assert gap == pytest.approx((1 - gain) * 1e-3, abs=1e-10)
 
 
 def test_the_remote_centre_pulls_the_shaft_back() -> None:
     plant = RigidNeedle(BESIDE)
     before = np.linalg.norm(plant().rcm_error_m)
-    follow(plant, InverseFem(damping=1e-4), plant.tip_m, 5)
+    follow(plant, InverseFem(direction_speed_mm_s=1e5), plant.tip_m, 5)
     assert np.linalg.norm(plant().rcm_error_m) < 1e-6 * before
 
 
@@ -169,7 +123,7 @@ def test_rows_of_the_remote_centre_are_off_before_puncture_and_without_gain(
     np.testing.assert_array_equal(jacobian, -response.tip)
     np.testing.assert_array_equal(wanted, 0.5 * error)
     tip = plant.tip_m.copy()
-    stay = InverseFemController(InverseFem(**gains), plant).command(plant.observe(tip))
+    stay = InverseFemController(InverseFem(**gains), plant, DT_S).command(plant.observe(tip))
     np.testing.assert_allclose(stay.position_m, plant.base.position_m, atol=1e-16)
     np.testing.assert_allclose(stay.rotation, plant.base.rotation, atol=1e-16)
 
@@ -206,7 +160,7 @@ def test_the_lever_arm_weighs_turning_against_moving() -> None:
     turns = []
     for lever in (10.0, 100.0, 1000.0):
         plant = RigidNeedle(START, inserted=False)
-        command = InverseFemController(InverseFem(lever_arm_mm=lever, damping=1e-4), plant).command(
+        command = InverseFemController(InverseFem(lever_arm_mm=lever, direction_speed_mm_s=1e5), plant, DT_S).command(
             plant.observe(target)
         )
         turns.append(float(np.linalg.norm(log_map(command.rotation))))
@@ -221,7 +175,7 @@ def test_a_command_is_a_rigid_pose_and_leaves_the_observation_alone() -> None:
     plant = RigidNeedle(BESIDE)
     seen = plant.observe(np.array([5e-3, 5e-3, 0.03]))
     kept = replace(seen, base=Pose(seen.base.position_m.copy(), seen.base.rotation.copy()), tip_m=seen.tip_m.copy())
-    command = InverseFemController(InverseFem(), plant).command(seen)
+    command = InverseFemController(InverseFem(), plant, DT_S).command(seen)
     np.testing.assert_allclose(command.rotation @ command.rotation.T, np.eye(3), atol=1e-14)
     np.testing.assert_array_equal(seen.base.position_m, kept.base.position_m)
     np.testing.assert_array_equal(seen.tip_m, kept.tip_m)

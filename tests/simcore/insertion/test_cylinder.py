@@ -59,7 +59,7 @@ def test_a_cylinder_runs(tmp_path: Path, frame: str) -> None:
     assert scenario.tissue.size_mm == pytest.approx((60.0, 80.0, 60.0))
     rollout = run(scenario)
     assert rollout.status is Status.COMPLETED, rollout.message
-    assert rollout.metrics["rmse_mm"] < (0.05 if frame == "world" else 1.0)
+    assert rollout.metrics["rmse_commanded_mm"] < (0.05 if frame == "world" else 1.0)
     assert rollout.series["depth_m"][-1] > 0.035
     assert rollout.digest == run(scenario).digest
 
@@ -134,7 +134,7 @@ def test_contact_on_a_slanted_surface(tmp_path: Path) -> None:
         ({"trajectory": {"kind": "sine", "direction": [4.0, 3.0, 40.0]}}, "trajectory.direction", "across the path"),
         ({"tissue": {"fixed_sets": ["top"]}}, "tissue.fixed_sets", "is not in cylinder.vtk, which has ends=NUMBER"),
         ({"tissue": {"fixed_sets": ["ends=3"]}}, "tissue.fixed_sets", "is empty"),
-        ({"tissue": {"fixed_sets": [], "fixed_faces": []}}, "tissue.fixed_sets", "at least one set"),
+        ({"tissue": {"fixed_sets": [], "fixed_faces": []}}, "tissue.fixed_faces", "must name a face"),
         ({"tissue": {"fixed_sets": [], "fixed_faces": ["x_min"]}}, "tissue.fixed_faces", "flat: y_min, y_max"),
         ({"tissue": {"mesh_sha256": "0" * 64}}, "tissue.mesh_file", "has changed"),
         (

@@ -16,10 +16,10 @@ from numpy.typing import NDArray
 from simcore.errors import Problem, ScenarioError, Status
 from simcore.file_names import names_mean, nothing
 from simcore.mesh.mesh import BoxMesh, box_mesh
-from simcore.mesh.numbering import held_nodes
 from simcore.mesh.reader import MAXIMUM_MB, load_mesh
 from simcore.rollout.rollout import run
 from simcore.scenario.build import tissue_model
+from simcore.scenario.held_parts import held_of
 from simcore.scenario.mesh_rules import MAXIMUM_FACTOR_MB
 from simcore.scenario.scenario import Scenario
 from tests.simcore.block import BLOCK_MM, block_scenario
@@ -32,7 +32,7 @@ if TYPE_CHECKING:
 Vector = NDArray[np.float64]
 BOX = box_mesh(np.array(BLOCK_MM) * 1e-3, (2, 4, 6))
 SPACING = {"spacing_mm": 11.0}
-FORMATS = ["gmsh4.msh", "gmsh2.msh", "ascii.msh", "ansys.msh", "box.vtu", "box.vtk", "box.mesh", "box.inp"]
+FORMATS = ["gmsh4.msh", "gmsh2.msh", "ascii.msh", "box.vtu", "box.vtk", "box.mesh", "box.inp"]
 
 
 def triangles_on(mesh: BoxMesh, face: str) -> NDArray[np.int64]:
@@ -83,11 +83,12 @@ def write_box(folder: Path, name: str, unit_mm: float = 1.0) -> tuple[Path, str]
     if suffix == ".inp":
         meshio.Mesh(points, tets, point_sets={"RIBS": np.flatnonzero(held)}).write(path)
         return path, "RIBS"
-    array = "medit:ref" if suffix == ".mesh" else "ribs"
+    if suffix == ".mesh":  # where cells have numbers of their own
+        held_ref = held.astype(np.int64)
+        meshio.Mesh(points, tets, point_data={"medit:ref": held_ref}).write(path)
+        return path, "medit:vertices=1"
+    array = "ribs"
     mesh = meshio.Mesh(points, tets, point_data={array: held.astype(np.int64 if suffix != ".msh" else float)})
-    if name == "ansys.msh":  # what meshio writes if nothing but the suffix is said; it has no names
-        meshio.write(path, mesh)
-        return path, ""
     mesh.write(path, **({"file_format": "gmsh"} if suffix == ".msh" else {}))
     return path, f"{array}=1"
 
@@ -121,15 +122,14 @@ def test_every_format_gives_the_box_back(tmp_path: Path, name: str, capfd: pytes
     """Nodes, tetrahedra, held nodes, size; the readers' own chatter is not let through."""
     path, held = write_box(tmp_path, name)
     capfd.readouterr()
-    names = {"fixed_sets": [held]} if held else {"fixed_faces": ["y_min", "y_max"]}
-    scenario = Scenario.load(box_fields(path, **names))
+    scenario = Scenario.load(box_fields(path, fixed_sets=[held]))
     assert capfd.readouterr() == ("", "")
     model, box = tissue_model(scenario.tissue), tissue_model(block_scenario().tissue)
     np.testing.assert_allclose(model.mesh.nodes_m, box.mesh.nodes_m, atol=1e-15)
     assert {tuple(t) for t in np.sort(model.mesh.tets)} == {tuple(t) for t in np.sort(box.mesh.tets)}
     np.testing.assert_array_equal(model.unknown < 0, box.unknown < 0)
     assert scenario.tissue.size_mm == BLOCK_MM
-    assert scenario.tissue.fixed_faces == (() if held else ("y_min", "y_max"))
+    assert (scenario.tissue.fixed_faces, scenario.tissue.held_faces) == (None, ())
     assert scenario.tissue.element_size_mm == pytest.approx(1200.0 ** (1 / 3), abs=1e-6)  # 48 cells
     assert scenario.tissue.mesh_sha256 == hashlib.sha256(path.read_bytes()).hexdigest()
 
@@ -162,12 +162,10 @@ def test_flat_sides_of_the_bounding_box_can_be_held_too(tmp_path: Path) -> None:
     plain = Scenario.load(box_fields(path)).tissue
     both = Scenario.load(box_fields(path, fixed_faces=["x_max"], fixed_sets=[held])).tissue
     mesh = tissue_model(plain).mesh
-    assert plain.fixed_faces == ("y_min", "y_max")
-    np.testing.assert_array_equal(
-        held_nodes(mesh, plain.fixed_faces, plain.fixed_sets), np.union1d(BOX.faces["y_min"], BOX.faces["y_max"])
-    )
+    assert plain.held_faces == ("y_min", "y_max")
+    np.testing.assert_array_equal(held_of(plain, mesh), np.union1d(BOX.faces["y_min"], BOX.faces["y_max"]))
     expected = np.unique(np.concatenate([BOX.faces[face] for face in ("x_max", "y_min", "y_max")]))
-    np.testing.assert_array_equal(held_nodes(tissue_model(both).mesh, both.fixed_faces, both.fixed_sets), expected)
+    np.testing.assert_array_equal(held_of(both, tissue_model(both).mesh), expected)
 
 
 @pytest.mark.parametrize("unit_mm", [1000.0, 25.4])
@@ -278,11 +276,11 @@ BAD: list[tuple[Callable[[Path], Path], str]] = [
     (a_pipe, "is not a file"),
     (lambda f: Path("bad\0.msh"), "cannot be read"),
     *((lambda f, s=s: without_content(f, f"empty{s}"), "") for s in (".msh", ".vtu", ".vtk", ".mesh", ".inp")),
-    (lambda f: without_content(f, "noise.msh", bytes(range(256)) * 9), "is not a readable gmsh or ansys mesh"),
-    (lambda f: without_content(f, "noise.vtu", bytes(range(256)) * 9), "is not a readable vtu mesh"),
-    (lambda f: without_content(f, "text.mesh", b"no mesh at all\n"), "medit"),
+    (lambda f: without_content(f, "noise.msh", bytes(range(256)) * 9), "is not a mesh that can be read (Gmsh): line 1"),
+    (lambda f: without_content(f, "noise.vtu", bytes(range(256)) * 9), "is not a mesh that can be read (VTU): line 1"),
+    (lambda f: without_content(f, "text.mesh", b"no mesh at all\n"), "(Medit): line 1"),
     *((lambda f, n=n: truncated(f, n), "") for n in FORMATS),
-    (renamed, "is not a readable gmsh or ansys mesh"),
+    (renamed, "is not a mesh that can be read (Gmsh): line 1"),
     (lambda f: written(f, MM, [("triangle", BOX.surface_triangles)]), "must hold tetrahedra; it holds triangle"),
     (lambda f: written(f, MM, [("hexahedron", BOX.tets[:2].reshape(1, 8))]), "no other solid cells; it holds hexa"),
     (lambda f: written(f, MM, [*TETS, ("tetra10", np.arange(10)[None])]), "no other solid cells; it holds tetra10"),
@@ -293,7 +291,7 @@ BAD: list[tuple[Callable[[Path], Path], str]] = [
     (lambda f: written(f, MM * 100.0, TETS), "each edge must be 10 to 500"),
     (lambda f: written(f, MM + 2e4, TETS), "must lie within +-10000"),
     (lambda f: written(f, MM * [1.0, 1.0, 0.0], TETS), "each edge must be 10 to 500"),
-    (lambda f: written(f, MM, [("tetra", BOX.tets + 90)]), "a tetrahedron with node 194; its points are 0 to 104"),
+    (lambda f: written(f, MM, [("tetra", BOX.tets + 90)]), "a tetrahedron with node 109; its points are 0 to 104"),
     (lambda f: written(f, MM, [("tetra", BOX.tets - 1)]), "a tetrahedron with node -1"),
     (lambda f: written(f, MM, [*TETS, ("tetra", BOX.tets[:1, [0, 0, 1, 2]])]), "1 flat tetrahedra, such as number 288"),
     (lambda f: written(f, MM, [*TETS, *TETS]), "overlapping"),

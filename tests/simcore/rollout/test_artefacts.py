@@ -31,7 +31,7 @@ class FakeRollout:
         }
 
     def result(self) -> dict[str, Any]:
-        return {"status": "completed", "metrics": {"rmse_mm": self.value, "lambda_ratio": None}}
+        return {"status": "completed", "metrics": {"rmse_commanded_mm": self.value, "lambda_ratio": None}}
 
 
 def names(folder: Path) -> list[str]:
@@ -43,7 +43,7 @@ def test_write_makes_the_folder_and_both_files(tmp_path: Path) -> None:
     paths = write(FakeRollout(), folder)  # type: ignore[arg-type]
     assert paths == [folder / RESULT, folder / SERIES]
     assert names(folder) == [RESULT, SERIES]
-    assert json.loads((folder / RESULT).read_text())["metrics"] == {"rmse_mm": 1.0, "lambda_ratio": None}
+    assert json.loads((folder / RESULT).read_text())["metrics"] == {"rmse_commanded_mm": 1.0, "lambda_ratio": None}
     assert (folder / RESULT).read_bytes().endswith(b"}\n")
 
 
@@ -76,7 +76,7 @@ def test_a_result_that_is_not_strict_json_is_refused_before_anything_is_written(
 def test_a_second_write_replaces_both(tmp_path: Path) -> None:
     for value in (1.0, 2.0):
         write(FakeRollout(value), tmp_path)  # type: ignore[arg-type]
-    assert json.loads((tmp_path / RESULT).read_text())["metrics"]["rmse_mm"] == 2.0
+    assert json.loads((tmp_path / RESULT).read_text())["metrics"]["rmse_commanded_mm"] == 2.0
     with np.load(tmp_path / SERIES) as found:
         assert found["t_s"][1] == 2.0
     assert names(tmp_path) == [RESULT, SERIES]

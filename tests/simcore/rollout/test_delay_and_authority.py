@@ -12,7 +12,7 @@ import pytest
 from simcore.errors import Status
 from simcore.insertion.insertion import Insertion
 from simcore.rollout.authority import AUTHORITY, authority_arrays, authority_warnings
-from simcore.rollout.result import digest
+from simcore.rollout.digest import digest
 from simcore.rollout.rollout import run
 from simcore.scenario.scenario import InverseFem, OpenLoop
 from tests.simcore.short_run import LINE, STEPS, replay, short
@@ -56,7 +56,8 @@ def test_a_delay_longer_than_the_run_never_moves_the_base() -> None:
 
 def test_a_delay_costs_accuracy() -> None:
     rmse = [
-        run(short(noise_mm=0.0, controller={"kind": "ifem", "delay_s": d})).metrics["rmse_mm"] for d in (0.0, 0.1, 0.2)
+        run(short(noise_mm=0.0, controller={"kind": "ifem", "delay_s": d})).metrics["rmse_commanded_mm"]
+        for d in (0.0, 0.1, 0.2)
     ]
     assert rmse[0] < rmse[1] < rmse[2]
 
@@ -129,22 +130,22 @@ def test_the_rise_behind_the_entry_is_no_warning() -> None:
     assert told([math.nan, -0.01, -0.06, -0.1], [math.nan, -0.01, -0.05, -0.2]) == []
 
 
-def test_a_fall_below_the_damping_names_both_depths() -> None:
+def test_a_fall_into_weakness_names_both_depths() -> None:
     (line,) = told([-0.01, -0.1, -0.2, -0.2, -0.2], [-0.01, -0.1, -0.04, -0.003, -0.01])
-    assert "smallest singular value falls below controller.damping = 0.05 at a depth of 20.0 mm" in line
+    assert "smallest singular value falls below 0.05 at a depth of 20.0 mm" in line
     assert "at least 0.003, at 30.0 mm" in line
 
 
-def test_an_authority_that_never_reaches_the_damping_is_told() -> None:
+def test_an_authority_that_is_always_weak_is_told() -> None:
     (line,) = told([-0.01, -0.04, -0.02], [-0.01, -0.03, -0.02])
-    assert "never reaches controller.damping = 0.05 (at most 0.03, at a depth of 10.0 mm)" in line
+    assert "never reaches 0.05 (at most 0.03, at a depth of 10.0 mm)" in line
 
 
 def test_each_direction_that_changes_sign_is_named_with_its_depth() -> None:
     first, second, third = told([-0.1, -0.2, -0.2, -0.01, 0.1], [-0.1, -0.1, 0.01, 0.1, 0.1])
     assert "its x component changes sign at a depth of 40.0 mm" in first
     assert "its y component changes sign at a depth of 20.0 mm" in second
-    assert "falls below controller.damping = 0.05 at a depth of 20.0 mm" in third
+    assert "falls below 0.05 at a depth of 20.0 mm" in third
 
 
 def test_nothing_known_is_no_warning() -> None:
@@ -156,9 +157,10 @@ def test_nothing_known_is_no_warning() -> None:
 
 
 def test_a_result_carries_the_warnings_of_its_run() -> None:
-    """More damping than any lever has authority, and a friction that the scenario warns of."""
-    found = run(short(controller={"kind": "ifem", "damping": 5.0}, interaction={"friction": 0.4}))
-    friction, authority = found.result()["warnings"]
+    """A needle so thin that the tip never follows, and a friction that the scenario warns of."""
+    thin = {"outer_diameter_mm": 0.3, "inner_diameter_mm": 0.1}
+    found = run(short(needle=thin, interaction={"friction": 0.4}))
+    friction, authority, *others = found.result()["warnings"]
     assert friction.startswith("interaction.friction")
     assert authority.startswith("RCM authority")
-    assert found.warnings == [authority]
+    assert found.warnings == [authority, *others]

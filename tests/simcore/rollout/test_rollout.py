@@ -15,13 +15,14 @@ import numpy as np
 import pytest
 from hypothesis import HealthCheck, given, settings
 
-from simcore.errors import Status
+from simcore.errors import ScenarioError, Status
 from simcore.metrics import MEASURED
 from simcore.rollout import rollout as module
 from simcore.rollout.artefacts import write
 from simcore.rollout.authority import AUTHORITY
+from simcore.rollout.digest import DIGESTED, LAST_TISSUE, digest
 from simcore.rollout.records import Scene, StepRecord
-from simcore.rollout.result import UNDIGESTED, Rollout, digest
+from simcore.rollout.result import FRAMES, TIMES, Rollout
 from simcore.rollout.rollout import run
 from simcore.scenario.scenario import Scenario
 from simcore.trajectory import held_noise
@@ -65,7 +66,7 @@ class Watcher:
 
 
 def state_of(rollout: Rollout) -> dict[str, np.ndarray]:
-    return {name: array for name, array in rollout.series.items() if name not in UNDIGESTED}
+    return {name: array for name, array in rollout.series.items() if name not in (*TIMES, *FRAMES)}
 
 
 # ---- reproducible to the bit
@@ -124,13 +125,29 @@ def test_the_clock_is_not_in_the_digest(plain: Rollout) -> None:
     assert slow.timing["simulated_s"] == pytest.approx(STEPS * 0.1)
 
 
-def test_every_array_is_in_the_digest(plain: Rollout) -> None:
+STATES = {*DIGESTED} - {LAST_TISSUE} | {"tissue_m"}  # of a series
+
+
+def test_a_bit_of_any_state_changes_the_digest_and_nothing_else_does(plain: Rollout) -> None:
     for name, array in plain.series.items():
         changed = {**plain.series, name: array.copy()}
         last = changed[name].reshape(-1)
         last[-1] = not last[-1] if array.dtype == bool else last[-1] + 1
-        assert (digest(changed) == plain.digest) == (name in UNDIGESTED and name != "tissue_m"), name
-    assert digest({**plain.series, "extra": np.zeros(1)}) != plain.digest
+        assert (digest(changed) != plain.digest) == (name in STATES), name
+
+
+def test_an_array_that_is_added_later_changes_no_digest_and_a_state_must_be_there(plain: Rollout) -> None:
+    assert plain.series.keys() > STATES
+    assert digest({**plain.series, "derived": np.zeros(1)}) == plain.digest
+    assert digest({name: plain.series[name] for name in STATES}) == plain.digest
+    for name in STATES:
+        with pytest.raises(KeyError, match=name):
+            digest({other: array for other, array in plain.series.items() if other != name})
+
+
+def test_no_clock_reading_is_digested_and_no_name_twice() -> None:
+    assert not {*DIGESTED} & {*TIMES, *FRAMES, *AUTHORITY}
+    assert len(DIGESTED) == len({*DIGESTED})
 
 
 PROGRAM = (
@@ -190,6 +207,22 @@ def test_noise_is_bounded_and_only_on_what_the_controller_sees(plain: Rollout) -
     assert np.abs(noise).max() > 0.2e-3
 
 
+def test_noise_is_held_for_as_long_as_the_scenario_says() -> None:
+    """Three steps of 0.1 s each, the first draws of the same seed."""
+    series = run(short(noise_hold_s=0.3)).series
+    noise = series["target_noisy_m"] - series["target_m"]
+    expected = held_noise(np.random.default_rng(11), amplitude_m=0.25e-3, hold_s=0.3, dt_s=0.1, steps=len(noise) - 1)
+    np.testing.assert_allclose(noise, expected, atol=1e-16)
+    np.testing.assert_allclose(noise[0], noise[2], atol=1e-16)
+    assert np.abs(noise[3] - noise[2]).max() > 1e-5
+
+
+@pytest.mark.parametrize("hold_s", [0.01, 0.25])
+def test_a_hold_that_is_no_multiple_of_the_step_is_refused(hold_s: float) -> None:
+    with pytest.raises(ScenarioError, match=rf"noise_hold_s = {hold_s}: must be a multiple of dt_s = 0.1 s"):
+        short(noise_hold_s=hold_s)
+
+
 # ---- the observer
 
 
@@ -200,7 +233,7 @@ def test_the_observer_sees_the_rows_of_the_series(plain: Rollout) -> None:
     assert watcher.rollout is found
     assert [record.step for record in watcher.records] == list(range(STEPS + 1))
     for field in fields(StepRecord):
-        if field.name in found.series and field.name not in UNDIGESTED:
+        if field.name in found.series and field.name not in (*TIMES, *FRAMES):
             seen = np.array([getattr(record, field.name) for record in watcher.records])
             np.testing.assert_array_equal(seen, found.series[field.name], err_msg=field.name)
     frames = [record.step for record in watcher.records if record.tissue_m is not None]
@@ -306,7 +339,7 @@ def test_a_run_whose_first_step_fails_has_one_row() -> None:
     assert found.status is not Status.COMPLETED
     assert len(found.series["t_s"]) == len(found.series["tissue_m"]) == 1
     result = json.loads(json.dumps(found.result(), allow_nan=False))
-    assert result["metrics"]["rmse_mm"] is None
+    assert result["metrics"]["rmse_commanded_mm"] is None
     assert result["timing"]["plant"]["median_ms"] is None
     assert result["solver"]["iterations_max"] == 0
 
@@ -340,7 +373,7 @@ def test_the_result_has_every_key_and_is_strict_json(plain: Rollout, tmp_path: P
 
 def test_metrics_are_those_of_the_series(plain: Rollout) -> None:
     errors = np.linalg.norm(plain.series["tip_m"][1:] - plain.series["target_m"][:-1], axis=1) * 1e3
-    assert plain.metrics["rmse_mm"] == pytest.approx(math.sqrt((errors**2).mean()))
+    assert plain.metrics["rmse_commanded_mm"] == pytest.approx(math.sqrt((errors**2).mean()))
     assert plain.metrics["limited_fraction"] == pytest.approx(plain.series["limited"][1:].mean())
 
 
@@ -366,6 +399,9 @@ def test_the_loop_has_one_thread(monkeypatch: pytest.MonkeyPatch) -> None:
 # ---- any small scenario
 
 
+ENDED = (Status.TARGET_LOST, Status.BUCKLED, Status.AUTHORITY_LOST, Status.SHAFT_BESIDE)  # by a step that converged
+
+
 @settings(max_examples=examples(50), deadline=None, suppress_health_check=list(HealthCheck))
 @given(small_runs())
 def test_any_small_run_ends_by_name_with_finite_rows_and_a_stable_digest(data: dict[str, Any]) -> None:
@@ -375,7 +411,9 @@ def test_any_small_run_ends_by_name_with_finite_rows_and_a_stable_digest(data: d
     assert found.status in Status
     assert (found.message == "") == (found.status is Status.COMPLETED)
     done = len(found.series["t_s"]) - 1
-    assert done == scenario.steps if found.status is Status.COMPLETED else done < scenario.steps
+    assert (
+        done == scenario.steps if found.status is Status.COMPLETED else done < scenario.steps + (found.status in ENDED)
+    )
     for name, array in found.series.items():
         assert np.isfinite(array).all() or name in AUTHORITY, name
     assert found.series["min_det_f"].min() > 0.1

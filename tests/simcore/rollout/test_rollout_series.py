@@ -45,7 +45,11 @@ def test_series_names_shapes_and_types(plain: Rollout) -> None:
         "residual_n": (rows,),
         "violation_m": (rows,),
         "min_det_f": (rows,),
+        "min_det_f_at_m": (rows, 3),
         "max_displacement_m": (rows,),
+        "max_strain": (rows,),
+        "entry_drag_m": (rows,),
+        "needle_stress_pa": (rows,),
         "lateral_sum_n": (rows,),
         "lateral_resultant_n": (rows,),
         "plant_s": (rows,),
@@ -135,7 +139,7 @@ def test_open_loop_commands_a_straight_line() -> None:
 
 def test_steering_beats_open_loop(plain: Rollout) -> None:
     blind = run(short(controller={"kind": "open_loop"}))
-    assert plain.metrics["rmse_mm"] < 0.7 * blind.metrics["rmse_mm"]
+    assert plain.metrics["rmse_commanded_mm"] < 0.7 * blind.metrics["rmse_commanded_mm"]
 
 
 def test_replay_is_as_long_as_its_poses_and_not_limited() -> None:

@@ -107,7 +107,7 @@ def numbers(
         for name, field in node["properties"].items():
             yield from numbers(field, defs, base, at[name], (*path, name))
     elif node.get("type") == "array":
-        for i, item in enumerate((node.get("prefixItems") or [node["items"]])[: len(at)]):
+        for i, item in enumerate((node.get("prefixItems") or [node["items"]])[: len(at or [])]):
             yield from numbers(item, defs, base, at[i], (*path, i))
     elif node.get("type") in ("number", "integer"):
         yield path, node, optional

@@ -5,13 +5,13 @@ from __future__ import annotations
 import sqlalchemy as sa
 from alembic import op
 
-revision = "all_tables"
+revision = "owners_and_lanes"
 down_revision = None
 branch_labels = None
 depends_on = None
 
 _Sequence = sa.BigInteger().with_variant(sa.Integer, "sqlite")
-_STATES = "state IN ('queued', 'running', 'succeeded', 'failed', 'cancelled', 'timed_out')"
+_STATES = "state IN ('queued', 'running', 'finished', 'failed', 'cancelled', 'timed_out')"
 
 
 def upgrade() -> None:
@@ -38,6 +38,7 @@ def _create_job() -> None:
         sa.Column("spec_hash", sa.String(64), nullable=False),
         sa.Column("steps", sa.Integer, nullable=False),
         sa.Column("state", sa.String(16), nullable=False),
+        sa.Column("outcome", sa.String(32)),
         sa.Column("priority", sa.Integer, nullable=False),
         sa.Column("timeout_s", sa.Float, nullable=False),
         sa.Column("attempt", sa.Integer, nullable=False),
@@ -58,6 +59,7 @@ def _create_job() -> None:
         sa.Column("owner", sa.String(32)),
         sa.Column("pinned", sa.Boolean(create_constraint=False), nullable=False, server_default=sa.false()),
         sa.Column("kind", sa.String(16), nullable=False, server_default="insertion"),
+        sa.Column("lane", sa.String(70), nullable=False, server_default="/"),
         sa.PrimaryKeyConstraint("seq", name="pk_job"),
         sa.UniqueConstraint("id", name="uq_job_id"),
         sa.CheckConstraint(_STATES, name=op.f("ck_job_state")),
@@ -66,11 +68,12 @@ def _create_job() -> None:
     op.create_index(
         "ix_job_queued",
         "job",
-        [sa.text("priority DESC"), "seq"],
+        [sa.text("priority DESC"), "lane", "seq", "state"],
         sqlite_where=sa.text("state = 'queued'"),
         postgresql_where=sa.text("state = 'queued'"),
     )
     op.create_index("ix_job_state_seq", "job", ["state", "seq"])
+    op.create_index("ix_job_outcome_seq", "job", ["outcome", "seq"])
 
 
 def _create_artefact() -> None:
@@ -190,6 +193,7 @@ def _create_campaign() -> None:
         sa.Column("finished_at", sa.Float),
         sa.Column("point", sa.JSON(none_as_null=True)),
         sa.Column("version", sa.Integer, nullable=False),
+        sa.Column("owner", sa.String(32)),
         sa.PrimaryKeyConstraint("seq", name="pk_campaign"),
         sa.UniqueConstraint("id", name="uq_campaign_id"),
         sa.CheckConstraint("state IN ('running', 'done', 'cancelled')", name=op.f("ck_campaign_state")),
@@ -233,6 +237,7 @@ def _create_schedule() -> None:
         sa.Column("next_run_at", sa.Float),
         sa.Column("created_at", sa.Float, nullable=False),
         sa.Column("version", sa.Integer, nullable=False),
+        sa.Column("owner", sa.String(32)),
         sa.PrimaryKeyConstraint("seq", name="pk_schedule"),
         sa.UniqueConstraint("id", name="uq_schedule_id"),
         sa.UniqueConstraint("name", name="uq_schedule_name"),
