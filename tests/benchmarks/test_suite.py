@@ -44,6 +44,7 @@ NAMES = (
     "memory",
     "profile",
     "convergence",
+    "sweeps",
     "forces",
 )
 RECORDER = "tests.benchmarks.test_suite:silent"

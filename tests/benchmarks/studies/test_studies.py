@@ -14,10 +14,10 @@ from numpy.typing import NDArray
 from benchmarks import observed_run
 from benchmarks.builtin_scenarios import benchmark_scenario, is_supported, with_blocks
 from benchmarks.observed_run import ObservedRun, observe
-from benchmarks.studies.convergence import Sweep, _replay, _rows, at_times, sweeps
-from benchmarks.studies.convergence_report import MEASURES, study_part
 from benchmarks.studies.forces import Curve, push_hold_pull, read_off
 from benchmarks.studies.replayed_poses import replay_block, slerp
+from benchmarks.studies.sweeps import Sweep, _replay, _rows, at_times, sweeps
+from benchmarks.studies.sweeps_report import MEASURES, study_part
 from simcore.rotations import exp_map, quaternion_from_matrix
 from simcore.scenario.presets import preset
 from simcore.scenario.scenario import Replay, Scenario
@@ -176,12 +176,12 @@ def test_rows_and_files_of_a_made_up_study() -> None:
     assert [row.push_apart_n for row in rows] == pytest.approx([0.3, 0.1, 0.0])
     assert [row.entry_max_n for row in rows] == pytest.approx([0.1, 0.1, 0.1])
     part = study_part(preset("sine"), runs["mesh", "b"], [("mesh", "h, mm", False, False)], rows, {"1": made_run(0, 1)})
-    assert part.figures[0].key == "convergence.mesh.tip_mm"
+    assert part.figures[0].key == "sweeps.mesh.tip_mm"
     assert part.figures[0].median == pytest.approx(0.1)
-    records = list(csv.DictReader(io.StringIO(part.files["convergence.csv"])))
+    records = list(csv.DictReader(io.StringIO(part.files["sweeps.csv"])))
     assert [record["variant"] for record in records] == ["a", "b", "c"]
-    assert "b (default)" in part.files["convergence.md"]
-    for name in ("convergence.svg", "convergence_depth.svg"):
+    assert "b (default)" in part.files["sweeps.md"]
+    for name in ("sweeps.svg", "sweeps_depth.svg"):
         ElementTree.fromstring(part.files[name])
     assert {name for name, _, _ in MEASURES} <= set(records[0])
 
