@@ -28,6 +28,7 @@ Triple = tuple[Number, Number, Number]
 Component = Annotated[Number, Field(ge=-1000, le=1000)]
 SetName = Annotated[str, StringConstraints(min_length=1, max_length=100)]
 Face = Literal["x_min", "x_max", "y_min", "y_max", "z_max"]
+SIDES: tuple[Face, Face] = ("y_min", "y_max")  # what is held where nothing is named
 
 
 class Block(BaseModel):
@@ -132,7 +133,7 @@ class Tissue(Block):
         """The faces that are held: those that are named, by default y_min and y_max where nothing else is held."""
         if self.fixed_faces is not None:
             return self.fixed_faces
-        return () if self.fixed_sets or self.fixed_regions else ("y_min", "y_max")
+        return () if self.fixed_sets or self.fixed_regions else SIDES
 
     @property
     def cells(self) -> tuple[int, int, int]:

@@ -9,7 +9,7 @@ import numpy as np
 
 from simcore.errors import Problem
 from simcore.mesh.numbering import held_nodes
-from simcore.scenario.blocks import MAXIMUM_CELLS, FixedBox, FixedPlane, Tissue
+from simcore.scenario.blocks import MAXIMUM_CELLS, SIDES, FixedBox, FixedPlane, Tissue
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -25,8 +25,9 @@ def held_of(tissue: Tissue, mesh: Mesh) -> Ints:
 
 def held_faces_of(tissue: dict[str, Any]) -> list[str]:
     """The faces that a tissue as JSON data holds: those that null stands for, too."""
-    names = ("fixed_faces", "fixed_sets", "fixed_regions")
-    return list(Tissue.model_construct(**{name: tissue.get(name) for name in names}).held_faces)
+    if tissue.get("fixed_faces") is not None:
+        return list(tissue["fixed_faces"])
+    return [] if tissue.get("fixed_sets") or tissue.get("fixed_regions") else list(SIDES)
 
 
 def region_problems(tissue: Tissue) -> list[Problem]:
