@@ -16,8 +16,9 @@ from scipy.stats import qmc
 import simcore.contact.line_calibration as calibration
 from simcore.contact.ball import Ball
 from simcore.contact.channel import ChannelModel
-from simcore.contact.line import LINE_RADIUS_OF_BALL, SHORTEST_M, LineCoupling, cylinder_compliance, line_compliance
+from simcore.contact.line import SHORTEST_M, LineCoupling, cylinder_compliance, least_length, line_compliance
 from simcore.contact.line_calibration import deficit_along, line_of_balls, line_weights, mesh_deficit
+from simcore.contact.line_radius import LINE_RADIUS_OF_BALL
 from simcore.mesh.mesh import box_mesh
 from simcore.scenario.build import tissue_model
 from simcore.scenario.scenario import Scenario
@@ -100,19 +101,18 @@ def test_cylinder_compliance_is_the_difference_of_kelvins_integrals(poisson: flo
 
 
 def test_compliance_of_a_point_is_that_of_the_line_over_its_length() -> None:
-    """G / l, turned into the shaft's frame: across and along do not mix; a point that stands for nothing is soft, and
-    finite."""
+    """G / l, turned into the shaft's frame: across and along do not mix; a point stands for more than nothing, the
+    entry for the length over which it holds a needle."""
     rng = np.random.default_rng(0)
     root, frame = rng.normal(size=(3, 3)), np.linalg.qr(rng.normal(size=(3, 3)))[0]
-    line = LineCoupling(False, 1e-4 * root @ root.T, True, 1e-3)
+    line = LineCoupling(False, 1e-4 * root @ root.T, True, 1.27e-3, 1e-3)
     out = np.empty((3, 3))
     line_compliance(line, frame, 2e-3, out)
     full = frame @ line.compliance_m2_per_n @ frame.T / 2e-3
     np.testing.assert_allclose(out[:2, :2], full[:2, :2], rtol=1e-12)
     assert out[2, 2] == pytest.approx(full[2, 2], rel=1e-12)
     assert np.abs(out[[0, 1, 2, 2], [2, 2, 0, 1]]).max() == 0.0
-    line_compliance(line, frame, 0.0, out)
-    np.testing.assert_allclose(out[2, 2] * SHORTEST_M, full[2, 2] * 2e-3, rtol=1e-12)
+    assert [least_length(line, element) for element in (1, 2, 7)] == [1.27e-3, SHORTEST_M, SHORTEST_M]
 
 
 # the mesh's share
