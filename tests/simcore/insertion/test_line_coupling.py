@@ -125,7 +125,7 @@ def test_a_free_tip_bears_no_lateral_force_and_the_others_obey_their_compliance(
         at, elements = state.solved.at, state.solved.active.elements
         local = np.einsum("aij,aj->ai", at.points.frames, at.force_n)
         tip = int(np.flatnonzero(elements == 0)[0])
-        assert np.abs(local[tip, :2]).max() < 1e-12
+        assert np.abs(local[tip, :2]).max() < 1e-9  # the force tolerance: the frame turns with the last correction
         lengths = at.adhesion_n / trip.insertion.model.law.adhesion_n_per_m
         assert lengths.sum() == pytest.approx(state.inserted_m, abs=1e-12)
         for i in np.flatnonzero(elements > 0):
