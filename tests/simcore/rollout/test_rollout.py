@@ -362,7 +362,13 @@ def test_the_result_has_every_key_and_is_strict_json(plain: Rollout, tmp_path: P
         values = [result["timing"][part][name] for name in ("median_ms", "p95_ms", "p99_ms", "max_ms")]
         assert values == sorted(values)
     assert result["timing"]["realtime_factor"] > 0.0
-    assert result["solver"].keys() == {"iterations_mean", "iterations_max", "residual_max_n", "violation_max_m"}
+    assert result["solver"].keys() == {
+        "iterations_mean",
+        "iterations_max",
+        "residual_max_n",
+        "violation_max_m",
+        "held_nodes",
+    }
     assert result["digest"] == plain.digest
     assert len(result["digest"]) == 64
     assert {"scenario", "seed", "commit", "versions", "cpu", "threads"} <= result["provenance"].keys()
