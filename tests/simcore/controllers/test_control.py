@@ -141,7 +141,12 @@ def test_errors_over_time_step(name: str) -> None:
 
 def noise_gain(*, gain: float, noise_mm: float) -> Vector:
     """(3,) RMS of the tip's deviation from the run without noise, over the RMS of the target's noise."""
-    blocks = {"trajectory": LINE, "robot": UNLIMITED, "controller": {"gain": gain, **FREE}, "seed": 3}
+    blocks = {
+        "trajectory": LINE,
+        "robot": UNLIMITED,
+        "controller": {"gain": gain, "rcm_weight": 1.0, **FREE},
+        "seed": 3,
+    }
     clean, noisy = rollout(**blocks).series, rollout(**blocks, noise_mm=noise_mm).series
     moved = (noisy["tip_m"] - clean["tip_m"])[100:]
     noise = (noisy["target_noisy_m"] - noisy["target_m"])[100:]

@@ -423,7 +423,8 @@ def test_any_small_run_ends_by_name_with_finite_rows_and_a_stable_digest(data: d
     for name, array in found.series.items():
         assert np.isfinite(array).all() or name in AUTHORITY, name
     assert found.series["min_det_f"].min() > 0.1
-    assert found.series["violation_m"].max() <= scenario.solver.violation_tolerance_mm * 1e-3
-    assert found.series["residual_n"].max() <= scenario.solver.force_tolerance_n
+    if scenario.solver.mode == "converged":
+        assert found.series["violation_m"].max() <= scenario.solver.violation_tolerance_mm * 1e-3
+        assert found.series["residual_n"].max() <= scenario.solver.force_tolerance_n
     assert found.digest == again.digest
     json.dumps(found.result(), allow_nan=False)
