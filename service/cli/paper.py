@@ -5,12 +5,10 @@ from __future__ import annotations
 import csv
 import io
 import json
-import sys
 import tempfile
 import time
-from contextlib import contextmanager
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any, NamedTuple, TypeVar
 
 import click
 
@@ -18,20 +16,26 @@ from service.blas_threads import one_thread
 from simcore.errors import Problem, ScenarioError
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator
-
-    from rich.progress import Progress
+    from collections.abc import Callable, Mapping, Sequence
 
     from benchmarks.cases import Outcome
-    from benchmarks.paper.pipeline import Findings
-    from benchmarks.paper.plan import Plan, Stage, StepCost
-    from benchmarks.paper.scale import Scale
-    from service.local.paper_run import ProgressListener
+    from benchmarks.paper.pipeline import Findings, PaperPorts
+    from benchmarks.paper.plan import Plan, StagedPlan, StepCost
+    from benchmarks.paper.scale import AnyScale
     from service.worker.crew import Crew
     from simcore.rollout.dataset import Dataset
 
-LINE_EVERY_S = 20.0  # of a progress that goes to no terminal
-PACE_OVER_S = 120.0
+Result = TypeVar("Result")
+
+
+class RunOptions(NamedTuple):
+    """How an experiment is run. extend: None = it cannot be extended."""
+
+    path: Path
+    workers: int
+    only_plan: bool
+    any_commit: bool
+    extend: bool | None = None
 
 
 @click.command()
@@ -94,15 +98,37 @@ def paper(
     Exit code: 0 done   2 bad scale or folder, too little space   1 crash   130 Ctrl-C
     """
     one_thread()
+    from benchmarks.paper.pipeline import rerun
     from benchmarks.paper.plan import Plan
+    from benchmarks.paper.scale import SCALES
 
+    scale = read_scale(scale_name, SCALES)
     if fields:
-        click.echo(read_scale(scale_name).model_dump_json(indent=1))
+        click.echo(scale.model_dump_json(indent=1))
         return
-    plan = Plan(read_scale(scale_name))
+    plan = Plan(scale)
+    carry_out(
+        plan,
+        RunOptions(path, workers, only_plan, any_commit, extend),
+        lambda ports: rerun(plan, ports),
+        lambda findings, wall_s: write_report(findings, plan, path, wall_s=wall_s, workers=workers),
+    )
+
+
+def carry_out(
+    plan: StagedPlan,
+    options: RunOptions,
+    stages: Callable[[PaperPorts], Result],
+    write: Callable[[Result, float], Path],
+) -> None:
+    """Run an experiment's stages in its folder, or go on with them, write its report and print where that is.
+
+    write: result of the stages, wall time of this call in s -> path of the page.
+    """
     from service.worker.crew import Crew
 
-    if only_plan:
+    path, workers = options.path, options.workers
+    if options.only_plan:
         with (
             tempfile.TemporaryDirectory(prefix="needlebench-") as scratch,
             Crew(workers, folder=Path(scratch), files=Path(scratch)) as crew,
@@ -110,36 +136,38 @@ def paper(
             _print_plan(plan, workers, crew)
         return
     from service.local.paper_folder import open_folder
+    from service.local.paper_progress import progress_on
     from service.local.paper_run import PaperRun, check_needs, identity
 
     check_needs(plan, path, workers)
-    with open_folder(path, identity(plan), any_commit=any_commit, extend=extend) as folder:
+    with open_folder(path, identity(plan), any_commit=options.any_commit, extend=options.extend) as folder:
         with Crew(workers, folder=folder.series, files=path.absolute()) as crew:
             cost = _print_plan(plan, workers, crew)
             begun = time.monotonic()
-            with _progress_on(plan, cost, workers) as listener:
-                findings = PaperRun(plan, folder, crew, listener, trainer(plan)).run()
-        write_report(findings, plan, path, wall_s=time.monotonic() - begun, workers=workers)
-    click.echo(path / "report.html")
+            with progress_on(plan, cost, workers) as listener:
+                result = PaperRun(folder, crew, listener, trainer(plan)).run(stages)
+        page = write(result, time.monotonic() - begun)
+    click.echo(page)
 
 
-def read_scale(name: str) -> Scale:
+def read_scale(name: str, scales: Mapping[str, AnyScale]) -> AnyScale:
     """A scale by name or from a JSON file. Raises ScenarioError."""
-    from benchmarks.paper.scale import SCALES, scale_of
+    from benchmarks.paper.scale import scale_of
 
-    if name in SCALES:
-        return SCALES[name]
+    if name in scales:
+        return scales[name]
     if not Path(name).is_file():
-        known = f"is neither a file nor one of {', '.join(SCALES)}"
+        known = f"is neither a file nor one of {', '.join(scales)}"
         raise ScenarioError([Problem("--scale", name, known)])
     try:
         data = json.loads(Path(name).read_bytes())
     except (OSError, ValueError, RecursionError) as error:
         raise ScenarioError([Problem("--scale", name, f"is not readable JSON: {error}")]) from None
-    return scale_of(data, field="--scale")
+    kind = type(next(iter(scales.values())))
+    return scale_of(data, kind, field="--scale")
 
 
-def trainer(plan: Plan) -> Callable[[str, int, Dataset], str]:
+def trainer(plan: StagedPlan) -> Callable[[str, int, Dataset], str]:
     """Trains a model of a kind, seed and data set; the text of its file."""
     from benchmarks.learning.training import train_model
     from service.worker.network_trainer import train_network
@@ -160,27 +188,16 @@ def trainer(plan: Plan) -> Callable[[str, int, Dataset], str]:
 # ---- what is written at the end
 
 
-def write_report(findings: Findings, plan: Plan, path: Path, *, wall_s: float, workers: int) -> None:
-    """report.html, report.json, insertions.csv, predictions.csv."""
+def write_report(findings: Findings, plan: Plan, path: Path, *, wall_s: float, workers: int) -> Path:
+    """report.html, report.json, insertions.csv, predictions.csv; the path of the first."""
     from benchmarks.paper import report
-    from benchmarks.paper.pipeline import commits, cpu_seconds, paper_outcomes
+    from benchmarks.paper.pipeline import cpu_seconds, paper_outcomes
     from service.local.paper_folder import write_text
-    from simcore.provenance import provenance
 
     write_text(path / "predictions.csv", predictions_csv(findings))
-    origin, own = provenance(findings.outcomes[0].case.scenario), paper_outcomes(findings)
-    del origin["scenario"], origin["seed"]
-    origin |= {
-        "scale": plan.scale.model_dump(mode="json"),
-        "plan_sha256": plan.sha256,
-        "cases_sha256": findings.cases_sha256,
-        "insertions": len(findings.outcomes) + len(findings.timing),
-        "insertions_by_commit": commits(findings),
-        "insertions_cpu_s": round(cpu_seconds((*findings.outcomes, *findings.timing)), 1),
-        "of_the_paper_itself": {"insertions": len(own), "cpu_s": round(cpu_seconds(own), 1)},
-        "last_call_wall_s": round(wall_s, 1),
-        "workers": workers,
-    }
+    own = paper_outcomes(findings)
+    origin = origin_of(plan, (*findings.outcomes, *findings.timing), wall_s=wall_s, workers=workers)
+    origin["of_the_paper_itself"] = {"insertions": len(own), "cpu_s": round(cpu_seconds(own), 1)}
     report.write(
         findings.outcomes,
         timing=findings.timing,
@@ -191,6 +208,27 @@ def write_report(findings: Findings, plan: Plan, path: Path, *, wall_s: float, w
         provenance=origin,
         band_mm=plan.scale.band_mm,
     )
+    return path / report.HTML
+
+
+def origin_of(plan: StagedPlan, outcomes: Sequence[Outcome], *, wall_s: float, workers: int) -> dict[str, Any]:
+    """Where the numbers of a report come from: machine and versions, plan, cases, commits, cost."""
+    from benchmarks.cases import Suite
+    from benchmarks.paper.pipeline import commits, cpu_seconds
+    from simcore.provenance import provenance
+
+    origin = provenance(outcomes[0].case.scenario)
+    del origin["scenario"], origin["seed"]
+    return origin | {
+        "scale": plan.scale.model_dump(mode="json"),
+        "plan_sha256": plan.sha256,
+        "cases_sha256": Suite(name="all", title="", cases=tuple(outcome.case for outcome in outcomes)).sha256,
+        "insertions": len(outcomes),
+        "insertions_by_commit": commits(outcomes),
+        "insertions_cpu_s": round(cpu_seconds(outcomes), 1),
+        "last_call_wall_s": round(wall_s, 1),
+        "workers": workers,
+    }
 
 
 def predictions_csv(findings: Findings) -> str:
@@ -206,8 +244,9 @@ def predictions_csv(findings: Findings) -> str:
 # ---- what is shown
 
 
-def _print_plan(plan: Plan, workers: int, crew: Crew) -> StepCost:
+def _print_plan(plan: StagedPlan, workers: int, crew: Crew) -> StepCost:
     """Measure what a step costs, print the plan; the cost."""
+    from service.local.paper_progress import minutes
     from service.local.paper_run import measured_cost
 
     click.echo("measuring what a step costs (the first run on a machine compiles for half a minute)", err=True)
@@ -217,84 +256,7 @@ def _print_plan(plan: Plan, workers: int, crew: Crew) -> StepCost:
     click.echo(f"scale {plan.scale.name}: {steps_ms}, {workers} workers")
     for stage in plan.stages:
         alone = ", one worker" if stage.alone else ""
-        click.echo(f"  {stage.title:<12}{len(stage.cases):>6} insertions {_minutes(seconds[stage.title]):>9}{alone}")
-    total = _minutes(sum(seconds.values()))
+        click.echo(f"  {stage.title:<12}{len(stage.cases):>6} insertions {minutes(seconds[stage.title]):>9}{alone}")
+    total = minutes(sum(seconds.values()))
     click.echo(f"  {'all':<12}{plan.insertions:>6} insertions {total:>9} and about {plan.bytes / 1e6:.0f} MB")
     return cost
-
-
-def _minutes(seconds: float) -> str:
-    return f"{seconds / 60:.1f} min" if seconds >= 60 else f"{seconds:.0f} s"
-
-
-@contextmanager
-def _progress_on(plan: Plan, cost: StepCost, workers: int) -> Iterator[ProgressListener]:
-    """A bar with the time left on a terminal, else lines."""
-    share = {case.id: cost.of(case) / (1 if stage.alone else workers) for stage in plan.stages for case in stage.cases}
-    if not sys.stderr.isatty():
-        yield Lines(share)
-        return
-    from rich.console import Console
-    from rich.progress import BarColumn, Progress, TaskProgressColumn, TextColumn, TimeRemainingColumn
-
-    columns = (TextColumn("{task.description}"), BarColumn(), TaskProgressColumn(), TimeRemainingColumn())
-    console = Console(stderr=True)
-    with Progress(*columns, console=console, speed_estimate_period=PACE_OVER_S) as progress:
-        yield Bar(progress, share)
-
-
-class Lines:
-    """Progress that goes to a file or a pipe: a line now and then. share: estimated seconds of each case by id."""
-
-    def __init__(self, share: dict[str, float]) -> None:
-        self._share, self._total, self._done = share, sum(share.values()), 0.0
-        self._stage, self._count, self._ended = "", 0, 0
-        self._begun = self._spoken = time.monotonic()
-        self._fresh = 0.0
-
-    def begin(self, stage: Stage) -> None:
-        """A line for the stage."""
-        self._stage, self._count, self._ended = stage.title, len(stage.cases), 0
-        click.echo(f"{stage.title}: {len(stage.cases)} insertions", err=True)
-
-    def ended(self, outcome: Outcome, *, fresh: bool) -> None:
-        """A line now and then."""
-        self._ended += 1
-        seconds, now = self._share.get(outcome.case.id, 0.0), time.monotonic()
-        self._done += seconds
-        self._fresh += seconds if fresh else 0.0
-        if now - self._spoken < LINE_EVERY_S and self._ended < self._count:
-            return
-        self._spoken = now
-        pace = (now - self._begun) / self._fresh if self._fresh else 1.0
-        left = _minutes(pace * max(0.0, self._total - self._done))
-        share = f"{100 * self._done / self._total:.0f} %, about {left} left"
-        click.echo(f"{self._stage}: {self._ended} of {self._count}; {share}", err=True)
-
-    def say(self, text: str) -> None:
-        """The text."""
-        click.echo(text, err=True)
-
-
-class Bar:
-    """Progress on a terminal, measured in estimated seconds, so that dear insertions count more."""
-
-    def __init__(self, progress: Progress, share: dict[str, float]) -> None:
-        self._progress, self._share = progress, share
-        self._task = progress.add_task("starting", total=sum(share.values()))
-        self._count, self._ended, self._title = 0, 0, ""
-
-    def begin(self, stage: Stage) -> None:
-        """Name the stage beside the bar."""
-        self._title, self._count, self._ended = stage.title, len(stage.cases), 0
-        self._progress.update(self._task, description=f"{stage.title} 0/{self._count}")
-
-    def ended(self, outcome: Outcome, *, fresh: bool) -> None:  # noqa: ARG002  (a listener's signature)
-        """Move the bar by the estimated seconds of the insertion."""
-        self._ended += 1
-        done = self._share.get(outcome.case.id, 0.0)
-        self._progress.update(self._task, advance=done, description=f"{self._title} {self._ended}/{self._count}")
-
-    def say(self, text: str) -> None:
-        """The text, above the bar."""
-        self._progress.console.print(text, highlight=False, markup=False)
