@@ -133,8 +133,7 @@ METRICS = (
     Metric(
         "metrics.max_lateral_n",
         "N",
-        "largest force of the robot on the needle's base across its axis; without inertia, the needle's lateral force "
-        "on the tissue",
+        "largest force of the robot on the needle's base across its axis",
         0,
         2,
         "the needle is steered by force rather than by where it points",

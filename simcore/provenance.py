@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import ctypes
 import os
 import platform
 import subprocess
 import sys
+from contextlib import suppress
 from functools import cache
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
@@ -61,6 +63,34 @@ def _processor() -> str:
     return platform.processor() or platform.machine()
 
 
+@cache
+def _compiled_for() -> dict[str, str]:
+    """Processor and features that kernels are compiled for: they decide which instructions round."""
+    from llvmlite import binding
+    from numba import config
+
+    features = config.CPU_FEATURES or binding.get_host_cpu_features().flatten()
+    enabled = sorted(name[1:] for name in features.split(",") if name.startswith("+"))
+    return {"llvm_cpu": config.CPU_NAME or binding.get_host_cpu_name(), "llvm_features": " ".join(enabled)}
+
+
+@cache
+def _blas() -> dict[str, str | None]:
+    """Kernels and version of the BLAS that SciPy brings, which chooses them by the processor; None where it is not
+    OpenBLAS, or does not say."""
+    import scipy
+
+    folder = Path(scipy.__file__).resolve().parent
+    places = (folder.parent / "scipy.libs", folder / ".dylibs")
+    for path in sorted(one for place in places for one in place.glob("*openblas*")):
+        with suppress(OSError, AttributeError):
+            library = ctypes.CDLL(str(path))
+            core, about = library.scipy_openblas_get_corename, library.scipy_openblas_get_config
+            core.restype = about.restype = ctypes.c_char_p
+            return {"blas_core": core().decode(), "blas_version": " ".join(about().decode().split()[:2])}
+    return {"blas_core": None, "blas_version": None}
+
+
 def provenance(scenario: dict[str, Any]) -> dict[str, Any]:
     """Everything that a reader needs to rerun a result: resolved scenario, seed, commit, versions, machine, threads."""
     return {
@@ -71,6 +101,8 @@ def provenance(scenario: dict[str, Any]) -> dict[str, Any]:
         "platform": f"{platform.system()} {platform.machine()}",
         "cpu": _processor(),
         "cpu_count": os.cpu_count(),
+        **_compiled_for(),
+        **_blas(),
         "threads": 1,
         "byte_order": sys.byteorder,
     }

@@ -17,6 +17,7 @@ from benchmarks.paper.scale import SCALES, ExperimentScale, Scale
 from benchmarks.paper.variations import VARIATIONS, apply_variation
 from simcore.errors import Problem, ScenarioError
 from simcore.scenario.scenario import Scenario
+from simcore.scenario.suggestions import did_you_mean
 
 Models = Mapping[str, str]  # learned kind of controller -> its model; "default" where none is named
 Json = dict[str, Any]
@@ -290,4 +291,5 @@ def _kind_and_scale(name: str) -> tuple[_Kind, Scale]:
         size = name.removeprefix(base)
         if name.startswith(base) and size in _SIZES:
             return kind, _SIZES[size]
-    raise ScenarioError([Problem("suite", name, f"is none of {', '.join(suite_names())}")])
+    meant = did_you_mean(name, suite_names())
+    raise ScenarioError([Problem("suite", name, f"is none of {', '.join(suite_names())}{meant}")])

@@ -24,6 +24,7 @@ if TYPE_CHECKING:
     from service.files.upload_names import UploadLookup
     from service.settings import Limits
 
+MOST_POSES = 200_000  # inline, of all cases of a campaign together: about 10 MB
 LOW_PRIORITY = -10  # single jobs, which people wait for, go first
 
 
@@ -107,6 +108,7 @@ def _plan(request: CampaignRequest, limits: Limits) -> CampaignPlan:
     cases = suite_of(request)
     if not cases.cases:
         raise ScenarioError([Problem("suite", cases.name, "has no cases")])
+    _check_poses(cases)
     jobs, costs = zip(*(_job(case, limits) for case in cases.cases), strict=True)
     return CampaignPlan(
         name=request.name or cases.name,
@@ -117,6 +119,18 @@ def _plan(request: CampaignRequest, limits: Limits) -> CampaignPlan:
         timeout_s=time_limit_s(request.timeout_s, *costs),
         jobs=jobs,
     )
+
+
+def _check_poses(cases: Suite) -> None:
+    """Raises ScenarioError for a campaign that would keep a list of poses with each of very many jobs."""
+    total = 0
+    for case in cases.cases:
+        controller = case.scenario.get("controller")
+        inline = controller.get("poses") if isinstance(controller, dict) else None
+        total += len(inline) if isinstance(inline, list | tuple) else 0
+    if total > MOST_POSES:
+        message = f"are repeated by each case, {total} in all, at most {MOST_POSES}: name them in controller.poses_file"
+        raise ScenarioError([Problem("scenario.controller.poses", f"{len(cases.cases)} cases", message)])
 
 
 def _job(case: Case, limits: Limits) -> tuple[PlannedJob, Cost]:

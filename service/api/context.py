@@ -11,6 +11,7 @@ from fastapi import Depends, Request
 
 from service.access import ADMIN
 from service.admission.campaign_planner import Planner
+from service.api.event_hub import EventHub
 from service.api.job_view_cache import JobViewCache
 from service.api.openapi import SCOPE_FIELD
 from service.api.problems import HttpError
@@ -47,6 +48,7 @@ class Service:
     schedules: ScheduleStore
     keeper: Keeper
     planner: Planner
+    events: EventHub
 
     @classmethod
     def open(cls, settings: Settings) -> Service:
@@ -82,6 +84,7 @@ class Service:
             schedules=schedules,
             keeper=keeper,
             planner=planner,
+            events=EventHub(store, changes),
         )
 
     @property

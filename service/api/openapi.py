@@ -9,6 +9,7 @@ from fastapi import FastAPI
 from fastapi.openapi.utils import get_openapi
 
 from service.access import OPEN_PATHS, SESSION_COOKIE, scope_of
+from service.api.openapi_components import add_components
 from service.api.openapi_examples import EXAMPLES
 from service.api.problems import MEDIA_TYPE
 from service.api.schemas.problems import ProblemDetails
@@ -60,6 +61,7 @@ def _build(app: FastAPI) -> dict[str, Any]:
     problem = ProblemDetails.model_json_schema(ref_template="#/components/schemas/{model}")
     components = built.setdefault("components", {})
     components.setdefault("schemas", {}).update({**problem.pop("$defs", {}), ProblemDetails.__name__: problem})
+    add_components(components["schemas"])
     for name, example in EXAMPLES.items():
         components["schemas"][name].setdefault("examples", [example])
     components["securitySchemes"] = {

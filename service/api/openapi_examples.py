@@ -23,6 +23,7 @@ JOB: dict[str, Any] = {
     "kind": "insertion",
     "name": "demo",
     "state": "running",
+    "outcome": None,
     "attempt": 1,
     "priority": 0,
     "timeout_s": 3600.0,

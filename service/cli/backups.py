@@ -36,6 +36,7 @@ def backup(folder: Path | None, database_only: bool, data: Path | None) -> None:
     Exit code: 0 done   1 not done, with the reason
     """
     from service.files.disk import readable
+    from service.files.private import private_files
     from service.settings import Settings
     from service.store.backup_names import BACKUPS
     from service.store.backups import take_backup
@@ -43,7 +44,7 @@ def backup(folder: Path | None, database_only: bool, data: Path | None) -> None:
     settings, now = Settings.load(data=data), time.time()
     name = f"manual-{time.strftime('%Y%m%dT%H%M%SZ', time.gmtime(now))}"
     target = settings.data / BACKUPS / name if folder is None else folder.absolute()
-    with _reported("backing up"):
+    with private_files(), _reported("backing up"):
         made = take_backup(settings.data, target, with_files=not database_only, now=now)
     for lost in made.left_out:
         click.echo(f"left out, it is not as long as the database says: {lost}", err=True)
@@ -70,6 +71,7 @@ def restore(folder: Path | None, as_it_is: bool, data: Path | None) -> None:
     Exit code: 0 done   1 not done, with the reason   2 bad arguments
     """
     from service.files.lock import LockHeldError, file_lock
+    from service.files.private import private_files
     from service.settings import Settings
     from service.store.backups import BackupError, read_backup, restore_backup
     from service.store.integrity import accept_as_it_is
@@ -78,7 +80,7 @@ def restore(folder: Path | None, as_it_is: bool, data: Path | None) -> None:
         raise click.UsageError("Give either a BACKUP or --as-it-is.")
     settings = Settings.load(data=data)
     try:
-        with file_lock(settings.data / "server.lock"), _reported("restoring"):
+        with private_files(), file_lock(settings.data / "server.lock"), _reported("restoring"):
             if folder is None:
                 rows = accept_as_it_is(settings.database)
                 click.echo(f"{settings.database} is taken as it is, with {rows} rows ever made", err=True)

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
+from service.cli.campaign_request import campaign_request, check_request
 from service.cli.campaign_text import (
     BESIDE_HEAD,
     follow_campaign,
@@ -115,6 +116,8 @@ def run(
     for option, file in (("--csv", options["csv_file"]), ("--report", options["report_file"])):
         if file is not None and not file.absolute().parent.is_dir():  # reported now, not after all jobs have run
             raise ScenarioError([Problem(option, str(file), f"there is no folder {file.absolute().parent}")])
+    if url is None and not detach:
+        check_request(request)
     with _service(url, data, detach) as client:
         if options["dry_run"]:
             print_plan(client.plan_campaign(request))
@@ -132,40 +135,6 @@ def run(
             click.echo(f"{lost} of {done.cases} jobs have no result", err=True)
         if lost or (worse and options["fail_on_regression"]):
             ctx.exit(REGRESSION)
-
-
-def campaign_request(suite: str | None, options: dict[str, Any]) -> dict[str, Any]:
-    """The JSON of the request that the options describe. Raises ScenarioError."""
-    request: dict[str, Any] = {"priority": options.get("priority", -10)}
-    if options.get("name"):
-        request["name"] = options["name"]
-    if suite is not None and not options["axes"]:
-        return {**request, "suite": suite, "model": options["model"]}
-    if suite is not None or not options["axes"]:
-        raise ScenarioError([Problem("SUITE", suite, "give either a suite or at least one --grid")])
-    if options["source"]:
-        from service.cli.local import read_source
-
-        request["scenario"] = read_source(options["source"])
-    return {**request, "grid": dict(_axis(text) for text in options["axes"])}
-
-
-def _axis(text: str) -> tuple[str, list[Any]]:
-    path, sign, values = text.partition("=")
-    if not sign or not path.strip() or not values.strip():
-        raise ScenarioError([Problem("--grid", text, "must be FIELD=V1,V2,..., as in tissue.young_kpa=3,6.3")])
-    if values.strip().startswith("["):
-        return path.strip(), list(_value(values, path))
-    return path.strip(), [_value(value.strip(), path) for value in values.split(",")]
-
-
-def _value(text: str, path: str) -> Any:
-    try:
-        return json.loads(text)
-    except ValueError:
-        if text.startswith("["):
-            raise ScenarioError([Problem(f"--grid {path}", text, "is not a JSON list")]) from None
-        return text
 
 
 @contextmanager

@@ -101,12 +101,14 @@ def read_source(source: str) -> dict[str, Any]:
     """The scenario's JSON object, before defaults. Raises ScenarioError."""
     from simcore.errors import Problem, ScenarioError
     from simcore.scenario.presets import preset_names, start
+    from simcore.scenario.suggestions import did_you_mean
 
     if source != "-" and not Path(source).is_file():
         if source in preset_names():
             return start(source)
         known = ", ".join(preset_names())
-        raise ScenarioError([Problem("SCENARIO", source, f"is neither a file nor a built-in scenario: {known}")])
+        meant = did_you_mean(source, preset_names())
+        raise ScenarioError([Problem("SCENARIO", source, f"is neither a file nor a built-in scenario: {known}{meant}")])
     try:
         data = json.loads(sys.stdin.buffer.read() if source == "-" else Path(source).read_bytes())
     except (OSError, ValueError, RecursionError) as error:

@@ -5,7 +5,10 @@ Commands are imported when they are run, so that help and version cost no more t
 
 from __future__ import annotations
 
+import contextlib
+import difflib
 import importlib
+import os
 import sys
 import traceback
 from typing import Any
@@ -13,6 +16,7 @@ from typing import Any
 import click
 
 INTERRUPTED = 130
+BROKEN_PIPE = 141
 _COMMANDS = {  # name -> (module, what it does); the order is that of the help
     "demo": ("service", "Start a service, run one insertion on it, show the result."),
     "scenario": ("local", "List the built-in scenarios, or print one as JSON."),
@@ -67,6 +71,7 @@ A service that runs jobs for you, in a second terminal:
 Exit codes of run, submit --wait and demo:
   0 successful   3 completed without success, or not converged
   2 bad input    1 crash (where: needlebench --debug ...)   130 Ctrl-C
+  141 whoever read the output has closed it
 """
 
 
@@ -90,7 +95,9 @@ class Commands(click.Group):
     ) -> tuple[str | None, click.Command | None, list[str]]:
         """As click does, with a list of the commands in the message about an unknown one."""
         if args and args[0] not in _COMMANDS and not args[0].startswith("-"):
-            ctx.fail(f"No such command {args[0]!r}. There are: {', '.join(_COMMANDS)}.")
+            close = difflib.get_close_matches(args[0], _COMMANDS, n=1)
+            meant = f" Did you mean {close[0]}?" if close else ""
+            ctx.fail(f"No such command {args[0]!r}.{meant} There are: {', '.join(_COMMANDS)}.")
         return super().resolve_command(ctx, args)
 
     def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:  # noqa: ARG002  (click's)
@@ -100,15 +107,36 @@ class Commands(click.Group):
 
     def invoke(self, ctx: click.Context) -> Any:
         """Run the command; an error becomes a line on stderr and an exit code."""
+        _let_any_text_through()
         try:
-            return super().invoke(ctx)
+            result = super().invoke(ctx)
+            sys.stdout.flush()
+            return result
         except (click.ClickException, click.exceptions.Exit, click.Abort):
             raise
+        except BrokenPipeError:
+            _drop_output()
+            ctx.exit(BROKEN_PIPE)
         except KeyboardInterrupt:
             click.echo("needlebench: interrupted", err=True)
             ctx.exit(INTERRUPTED)
         except Exception as error:  # noqa: BLE001  (whatever goes wrong becomes an exit code)
             ctx.exit(_report(error, debug=bool(ctx.params.get("debug"))))
+
+
+def _let_any_text_through() -> None:
+    """A locale without some characters shows escapes in their place."""
+    for stream in (sys.stdout, sys.stderr):
+        with contextlib.suppress(AttributeError, ValueError):  # replaced by a test or a program
+            stream.reconfigure(errors="backslashreplace")  # type: ignore[union-attr]
+
+
+def _drop_output() -> None:
+    """Whoever read the output is gone, as `head` is: what is left of it goes nowhere, without a word."""
+    with contextlib.suppress(OSError, ValueError):
+        nowhere = os.open(os.devnull, os.O_WRONLY)
+        os.dup2(nowhere, sys.stdout.fileno())
+        os.close(nowhere)
 
 
 def _report(error: Exception, *, debug: bool) -> int:

@@ -121,6 +121,8 @@ def _of_folder(job_id: str, data: Path, observer: Observer | None) -> Verdict:
 
 
 def _print_verdict(verdict: Verdict) -> None:
+    from service.local.verify import ROUNDING
+
     texts = {
         "identical": "identical: every bit of every state",
         "equal": f"equal: the tip is within {verdict.tip_mm or 0:.1e} mm, not every bit is the same",
@@ -137,5 +139,8 @@ def _print_verdict(verdict: Verdict) -> None:
     if verdict.note:
         click.echo(f"  {verdict.note}")
     click.echo(f"  digest             {verdict.digest_now}")
+    if any(name in verdict.changed for name in ROUNDING):
+        told = "the kernels or the BLAS are for another processor than then: the same bits cannot be expected"
+        click.echo(f"needlebench: warning: {told}", err=True)
     for name, (then, now) in verdict.changed.items():
         click.echo(f"  {name:<18} {then} -> {now}")

@@ -192,6 +192,8 @@ class Client(CampaignCalls, ModelCalls, UploadCalls):
                     kind = value
                 elif name == "data":
                     data = value
+                elif not line and kind == "dropped":
+                    return  # too slow: again, after the last event
                 elif not line and data:
                     yield JobEvent.of(kind, json.loads(data))
                     kind, data = "", ""

@@ -29,6 +29,9 @@ class CannotVerifyError(NeedlebenchError):
     """A result that does not say how it came about."""
 
 
+ROUNDING = ("llvm_cpu", "llvm_features", "blas_core", "blas_version")  # what decides how sums and products round
+
+
 @dataclass(frozen=True, kw_only=True)
 class Difference:
     """Where two runs part. step: the first row that differs; largest: over all rows, in the array's own unit."""
@@ -192,11 +195,23 @@ def changed(before: Mapping[str, Any], now: Mapping[str, Any]) -> dict[str, list
     for name in ("commit", "platform", "cpu", "byte_order"):
         if before.get(name) != now.get(name):
             found[name] = [before.get(name), now.get(name)]
+    for name in ROUNDING:
+        if name in before and before[name] != now.get(name):
+            found[name] = _apart(before[name], now.get(name))
     old, new = before.get("versions") or {}, now["versions"]
     for name in sorted(old.keys() | new.keys()):
         if old.get(name) != new.get(name):
             found[name] = [old.get(name), new.get(name)]
     return found
+
+
+def _apart(before: Any, now: Any) -> list[Any]:
+    """Of two lists of words, such as features, only those that the other has not."""
+    if not (isinstance(before, str) and isinstance(now, str) and " " in before + now):
+        return [before, now]
+    then, since = before.split(), now.split()
+    gone, new = [one for one in then if one not in since], [one for one in since if one not in then]
+    return [f"with {' '.join(gone)}" if gone else "without", f"with {' '.join(new)}" if new else "without"]
 
 
 def load_series(path: Path) -> dict[str, NDArray[Any]] | None:

@@ -6,7 +6,7 @@ import secrets
 from dataclasses import fields
 from typing import TYPE_CHECKING, Any
 
-from sqlalchemy import Connection, Row, Select, case, delete, func, insert, select, update
+from sqlalchemy import Connection, case, delete, insert, select, update
 
 from service.store import schema
 from service.store.campaign import (
@@ -16,11 +16,11 @@ from service.store.campaign import (
     Campaign,
     CampaignActiveError,
     CampaignCase,
-    CampaignPinnedError,
     CampaignPlan,
     Tally,
     UnknownCampaignError,
 )
+from service.store.campaign_rows import check_removable, tally_of, to_campaign, to_case
 from service.store.job import QUEUED, TERMINAL
 from service.store.job import RUNNING as JOB_RUNNING
 from service.store.job_queries import check_room
@@ -84,7 +84,7 @@ class CampaignStore:
             )
             .returning(*_COLUMNS)
         ).one()
-        made = _to_campaign(row)
+        made = to_campaign(row)
         ids = [secrets.token_hex(8) for _ in plan.jobs]
         if ids:
             self._insert_jobs(connection, made, plan, ids, now)
@@ -131,7 +131,7 @@ class CampaignStore:
         row = connection.execute(select(*_COLUMNS).where(_campaign.c.id == campaign_id)).one_or_none()
         if row is None:
             raise UnknownCampaignError(f"there is no campaign {campaign_id}")
-        return _to_campaign(row)
+        return to_campaign(row)
 
     def newest(
         self,
@@ -151,26 +151,32 @@ class CampaignStore:
         if before is not None:
             query = query.where(_campaign.c.seq < before)
         with self._store.reading() as connection:
-            return [_to_campaign(row) for row in connection.execute(query)]
+            return [to_campaign(row) for row in connection.execute(query)]
 
     def tally(self, campaign_ids: list[str]) -> dict[str, Tally]:
         """Where the jobs of these campaigns are."""
         with self._store.reading() as connection:
-            return {i: _tally(connection, i) for i in campaign_ids}
+            return {i: tally_of(connection, i) for i in campaign_ids}
 
-    def cases(self, campaign_id: str, *, results: bool = True) -> list[CampaignCase]:
-        """The cases in suite order; a result is the job's while there is one. Raises UnknownCampaignError."""
+    def cases(
+        self, campaign_id: str, *, results: bool = True, first: int = 0, limit: int | None = None
+    ) -> list[CampaignCase]:
+        """The cases in suite order; a result is the job's while there is one. Raises UnknownCampaignError.
+
+        first: number of the first case, from 0; limit: at most so many.
+        """
         columns = [_case.c.number, _case.c.case_id, _case.c.labels, _case.c.job_id]
         columns += [_job.c.state, _job.c.error_kind, _job.c.error]
         query = (
             select(*columns, *([_job.c.result.label("of_job"), _case.c.outcome] if results else []))
             .select_from(_case.outerjoin(_job, _job.c.id == _case.c.job_id))
-            .where(_case.c.campaign_id == campaign_id)
+            .where(_case.c.campaign_id == campaign_id, _case.c.number >= first)
             .order_by(_case.c.number)
+            .limit(limit)
         )
         with self._store.reading() as connection:
             self._read(connection, campaign_id)
-            return [_to_case(row, results) for row in connection.execute(query)]
+            return [to_case(row, results) for row in connection.execute(query)]
 
     def of_jobs(self, job_ids: Sequence[str]) -> dict[str, tuple[str, str]]:
         """Job -> id and name of its campaign; without those that belong to none."""
@@ -215,7 +221,7 @@ class CampaignStore:
             .values(cancel_requested=True, version=_campaign.c.version + 1)
             .returning(*_COLUMNS)
         ).one()
-        return _to_campaign(row)
+        return to_campaign(row)
 
     def settle(self) -> list[Campaign]:
         """End every running campaign whose jobs have all ended; their results are kept with the cases."""
@@ -241,7 +247,7 @@ class CampaignStore:
                 .values(state=state, finished_at=self._store.now, version=_campaign.c.version + 1)
                 .returning(*_COLUMNS)
             ).one_or_none()
-            ended = self._read(connection, campaign_id) if row is None else _to_campaign(row)
+            ended = self._read(connection, campaign_id) if row is None else to_campaign(row)
         self._store.notify(campaign_id)
         return ended
 
@@ -250,7 +256,7 @@ class CampaignStore:
         query = select(*_COLUMNS, _campaign.c.point).where(_campaign.c.suite == suite, _campaign.c.state == DONE)
         with self._store.reading() as connection:
             rows = connection.execute(query.order_by(_campaign.c.seq.desc()).limit(limit)).all()
-        return [(_to_campaign(row), row.point) for row in reversed(rows)]
+        return [(to_campaign(row), row.point) for row in reversed(rows)]
 
     def keep_point(self, campaign_id: str, point: dict[str, Any]) -> None:
         """Keep what the campaign adds to its suite's trend."""
@@ -272,46 +278,9 @@ class CampaignStore:
             if not self._read(connection, campaign_id).terminal:
                 raise CampaignActiveError(f"campaign {campaign_id} is running: cancel it first")
             mine = select(_case.c.job_id).where(_case.c.campaign_id == campaign_id, _case.c.job_id.is_not(None))
-            _check_removable(connection, campaign_id, mine)
+            check_removable(connection, campaign_id, mine)
             ids = list(connection.execute(mine).scalars())
             connection.execute(delete(_job).where(_job.c.id.in_(mine)))
             self._store.changed_within(ids)
             connection.execute(delete(_campaign).where(_campaign.c.id == campaign_id))
         return ids
-
-
-def _check_removable(connection: Connection, campaign_id: str, mine: Select[Any]) -> None:
-    """Each job must be one that could be deleted by itself: at its end and not pinned."""
-    active = select(_job.c.id).where(_job.c.id.in_(mine), _job.c.state.not_in(sorted(TERMINAL))).limit(1)
-    if (job := connection.execute(active).scalar_one_or_none()) is not None:
-        raise CampaignActiveError(f"job {job} of campaign {campaign_id} has not ended: cancel it first")
-    pinned = select(_job.c.id).where(_job.c.id.in_(mine), _job.c.pinned).limit(1)
-    if (job := connection.execute(pinned).scalar_one_or_none()) is not None:
-        raise CampaignPinnedError(f"job {job} of campaign {campaign_id} is pinned: unpin it first")
-
-
-def _tally(connection: Connection, campaign_id: str) -> Tally:
-    done = case((_job.c.state.in_(sorted(TERMINAL)), _job.c.steps), else_=0)
-    query = (
-        select(_job.c.state, func.count(), func.sum(_job.c.steps), func.sum(done))
-        .join(_case, _case.c.job_id == _job.c.id)
-        .where(_case.c.campaign_id == campaign_id)
-        .group_by(_job.c.state)
-    )
-    rows = connection.execute(query).all()
-    return Tally(
-        states={row[0]: row[1] for row in rows},
-        steps=sum(row[2] for row in rows),
-        steps_done=sum(row[3] for row in rows),
-    )
-
-
-def _to_campaign(row: Row[Any]) -> Campaign:
-    columns = {field.name: getattr(row, field.name) for field in fields(Campaign)}
-    return Campaign(**{**columns, "timeout_s": float(columns["timeout_s"])})
-
-
-def _to_case(row: Row[Any], results: bool) -> CampaignCase:
-    result = (row.of_job or row.outcome) if results else None
-    names = ("number", "case_id", "labels", "job_id", "state", "error_kind", "error")
-    return CampaignCase(**{name: getattr(row, name) for name in names}, result=result)

@@ -113,14 +113,29 @@ class JobQueries(Transactions):
             return bool(connection.execute(_CANCELLED, {"job_id": job_id}).scalar_one_or_none() in (True, None))
 
     def newest(
-        self, *, state: str | None = None, outcome: str | None = None, limit: int = 50, before: int | None = None
+        self,
+        *,
+        state: str | None = None,
+        outcome: str | None = None,
+        name: str | None = None,
+        campaign: str | None = None,
+        limit: int = 50,
+        before: int | None = None,
     ) -> list[Job]:
-        """Jobs without spec and result, newest first, those that arrived before sequence number `before`."""
+        """Jobs without spec and result, newest first, those that arrived before sequence number `before`.
+
+        campaign: id of the one that they belong to.
+        """
         query = select(*LISTED).order_by(JOB.c.seq.desc()).limit(limit)
         if outcome is not None:
             query = query.where(JOB.c.outcome == outcome)
         if state is not None:
             query = query.where(JOB.c.state == state)
+        if name is not None:
+            query = query.where(JOB.c.name == name)
+        if campaign is not None:
+            of_it = select(campaign_case.c.job_id).where(campaign_case.c.campaign_id == campaign)
+            query = query.where(JOB.c.id.in_(of_it))
         if before is not None:
             query = query.where(JOB.c.seq < before)
         with self.reading() as connection:

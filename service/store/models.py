@@ -13,6 +13,7 @@ from sqlalchemy import select
 from service.files.model_content import model_content
 from service.files.upload_names import SCHEME, UPLOAD_ID
 from service.store.job_queries import LISTED, to_job
+from service.store.paging import Page
 from service.store.schema import job, job_upload
 from simcore.errors import NeedlebenchError
 
@@ -63,8 +64,16 @@ class Models:
 
     def all(self, *, limit: int) -> list[Model]:
         """Those of this service, newest first, then the bundled ones."""
-        found = self._uploads.newest(limit=limit, kind="model")
-        return [self._of(upload) for upload in found if "kind" in upload.content] + packaged()
+        return self._own(self._uploads.newest(limit=limit, kind="model")) + packaged()
+
+    def page(self, *, size: int, cursor: str | None) -> Page[Model]:
+        """A page of the same list; the bundled ones are on the last."""
+        found = self._uploads.page(size=size, cursor=cursor, kind="model")
+        bundled = packaged() if found.next_cursor is None else []
+        return Page(self._own(found.items) + bundled, found.next_cursor)
+
+    def _own(self, found: list[Upload]) -> list[Model]:
+        return [self._of(upload) for upload in found if "kind" in upload.content]
 
     def get(self, model_id: str) -> Model:
         """Raises UnknownModelError."""

@@ -14,10 +14,11 @@ import threading
 from dataclasses import dataclass, fields
 from typing import TYPE_CHECKING, Any
 
-from sqlalchemy import Connection, delete, func, insert, select, update
+from sqlalchemy import Connection, Integer, Row, delete, func, insert, literal_column, select, update
 
 from service.files.upload_names import UploadLookup, references
 from service.store.job import QUEUED, RUNNING, Job
+from service.store.paging import Page, read_page
 from service.store.schema import campaign, job, job_upload, schedule, upload
 from simcore.errors import NeedlebenchError
 
@@ -29,6 +30,7 @@ if TYPE_CHECKING:
     from service.store.jobs import Store
 
 _PART = ".part"
+_ARRIVED = literal_column("upload.rowid", Integer)  # SQLite's own count of what was inserted
 
 
 class UnknownUploadError(NeedlebenchError, LookupError):
@@ -71,6 +73,7 @@ class Uploads:
         self._store = store
         self._turn = threading.Lock()  # a file and its row come and go together
         self._drafts = 0
+        self._incoming: dict[Path, int] = {}  # bytes of each draft so far
         self.checking = asyncio.Semaphore(1)  # looking into files: one at a time
         for left in folder.glob(f"*{_PART}*"):  # by a server that died
             left.unlink(missing_ok=True)
@@ -86,6 +89,27 @@ class Uploads:
             self._drafts += 1
             return self.folder / f"{os.getpid()}-{self._drafts}{_PART}{suffix}"
 
+    def grow(self, draft: Path, more: int) -> None:
+        """Count bytes of a draft before they are written: what is still coming in takes room too.
+
+        Raises UploadsFullError.
+        """
+        with self._turn:
+            with self._store.reading() as connection:
+                kept = connection.execute(select(func.coalesce(func.sum(upload.c.bytes), 0))).scalar_one()
+            total_mb = (kept + sum(self._incoming.values()) + more) / 1e6
+            if total_mb > self._most_mb:
+                coming = "all uploads, with those that are coming in,"
+                message = f"{coming} would be {total_mb:.4g} MB, at most {self._most_mb:g} are kept: delete some"
+                raise UploadsFullError(message)
+            self._incoming[draft] = self._incoming.get(draft, 0) + more
+
+    def drop(self, draft: Path) -> None:
+        """Nothing of the draft is left, whether it was kept or not. Idempotent."""
+        with self._turn:
+            self._incoming.pop(draft, None)
+        draft.unlink(missing_ok=True)
+
     def find(self, upload_id: str) -> Upload | None:
         """The upload of this id, if there is one."""
         with self._store.reading() as connection:
@@ -100,11 +124,24 @@ class Uploads:
 
     def newest(self, *, limit: int, kind: str | None = None) -> list[Upload]:
         """Newest first."""
-        query = select(upload).order_by(upload.c.created_at.desc(), upload.c.id).limit(limit)
+        return self.page(size=limit, cursor=None, kind=kind).items
+
+    def page(self, *, size: int, cursor: str | None, kind: str | None = None) -> Page[Upload]:
+        """A page, newest first; cursor: of the page before."""
+        columns = [upload.c[item.name] for item in fields(Upload)]
+        query = select(_ARRIVED.label("seq"), *columns).order_by(_ARRIVED.desc())
         if kind is not None:
             query = query.where(upload.c.kind == kind)
-        with self._store.reading() as connection:
-            return [Upload(**row._mapping) for row in connection.execute(query)]
+
+        def newest(most: int, before: int | None) -> list[Row[Any]]:
+            older = query if before is None else query.where(before > _ARRIVED)
+            with self._store.reading() as connection:
+                return list(connection.execute(older.limit(most)))
+
+        page = read_page(newest, size=size, cursor=cursor)
+        names = [item.name for item in fields(Upload)]
+        items = [Upload(**{name: getattr(row, name) for name in names}) for row in page.items]
+        return Page(items, page.next_cursor)
 
     def path(self, found: Upload) -> Path:
         """Where its file is."""

@@ -15,7 +15,7 @@ import sys
 import time
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from service.logs import FULL, MAXIMUM_BYTES, moment
 
@@ -176,7 +176,7 @@ def _guard_loop(control: socket.socket, worker: int) -> None:
     end = _end_of(worker)
     output: _Output | None = None
     while os.getppid() == worker:
-        watched = [control, *([end] if end is not None else []), *([output.read] if output else [])]
+        watched: list[Any] = [control, *([end] if end is not None else []), *([output.read] if output else [])]
         ready = select.select(watched, [], [], None if end is not None else _LOOK_S)[0]
         if end is not None and end in ready:
             return

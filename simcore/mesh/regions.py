@@ -29,8 +29,8 @@ class BoxRegion:
 
     def contains(self, points_m: Floats) -> Flags:
         """As in `Region`."""
-        inside: Flags = ((points_m >= self.low_m - ROUNDING_M) & (points_m <= self.high_m + ROUNDING_M)).all(axis=1)
-        return inside
+        above, below = points_m >= self.low_m - ROUNDING_M, points_m <= self.high_m + ROUNDING_M
+        return np.asarray((above & below).all(axis=1))
 
 
 @dataclass(frozen=True)

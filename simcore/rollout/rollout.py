@@ -5,7 +5,7 @@ from __future__ import annotations
 import time
 from collections.abc import Callable
 from functools import cache, cached_property
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from threadpoolctl import threadpool_limits
@@ -57,8 +57,12 @@ def compile_kernels() -> None:
         _Loop(scenario, Silent(), time.perf_counter).run()
 
 
-def run(scenario: Scenario, observer: Observer | None = None, *, clock: Clock = time.perf_counter) -> Rollout:
+def run(
+    scenario: Scenario | dict[str, Any] | str, observer: Observer | None = None, *, clock: Clock = time.perf_counter
+) -> Rollout:
     """Simulate one scenario; the observer sees every step and changes nothing.
+
+    scenario: also as JSON data or text, or by the name of a built-in one. Raises ScenarioError.
 
     A step that fails ends the run with its named status; the last good state is the last row of the series. Exceptions
     of the observer pass through: that is how a run is cancelled.
@@ -67,9 +71,10 @@ def run(scenario: Scenario, observer: Observer | None = None, *, clock: Clock = 
     >>> print(rollout.status, rollout.series["tip_m"].shape, rollout.metrics["rmse_commanded_mm"] < 0.1)
     completed (51, 3) True
     """
+    chosen = scenario if isinstance(scenario, Scenario) else Scenario.load(scenario)
     with threadpool_limits(1):
         compile_kernels()
-        return _Loop(scenario, observer or Silent(), clock).run()
+        return _Loop(chosen, observer or Silent(), clock).run()
 
 
 def material_path(insertion: Insertion, path: Path) -> MaterialPoints:

@@ -12,6 +12,7 @@ from simcore.errors import Problem
 from simcore.scenario.blocks import StraightTrajectory, Tissue
 from simcore.scenario.controller_blocks import Controller, Learned, Plugin, Replay
 from simcore.scenario.pose_file import digest_of_poses, fault_of_poses, load_poses
+from simcore.scenario.suggestions import did_you_mean
 
 CONDITIONS = ("dt_s", "tissue", "needle", "interaction", "motion")  # fields that a model was trained under
 NAMES = ("mesh_file",)  # of files, which their digests tell apart
@@ -77,7 +78,10 @@ def plugin_problems(controller: Controller) -> list[Problem]:
         problem = plugins.problem_of(controller.name)
         return [] if problem is None else [Problem("controller.name", controller.name, problem)]
     there = f"installed: {', '.join(known)}" if known else "none is installed; see: needlebench example controller"
-    return [Problem("controller.name", controller.name, f"is no controller of the group {plugins.GROUP}; {there}")]
+    meant = did_you_mean(controller.name, known)
+    return [
+        Problem("controller.name", controller.name, f"is no controller of the group {plugins.GROUP}; {there}{meant}")
+    ]
 
 
 def training_warnings(controller: Controller, trajectory: StraightTrajectory, conditions: dict[str, Any]) -> list[str]:

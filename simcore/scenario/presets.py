@@ -9,6 +9,7 @@ from typing import Any
 from simcore.errors import Problem, ScenarioError
 from simcore.scenario.rules import without_derived
 from simcore.scenario.scenario import Scenario
+from simcore.scenario.suggestions import did_you_mean
 
 _PRESETS: dict[str, tuple[str, dict[str, Any]]] = {
     "demo": (
@@ -55,8 +56,12 @@ def preset_names() -> dict[str, str]:
 def preset(name: str) -> Scenario:
     """A built-in scenario by name. Raises ScenarioError for an unknown name."""
     if name not in _PRESETS:
-        raise ScenarioError([Problem("scenario", name, f"is not a built-in scenario: {', '.join(_PRESETS)}")])
+        raise ScenarioError([Problem("scenario", name, _unknown(name))])
     return Scenario.load({"name": name, **copy.deepcopy(_PRESETS[name][1])})
+
+
+def _unknown(name: str) -> str:
+    return f"is not a built-in scenario: {', '.join(_PRESETS)}{did_you_mean(name, _PRESETS)}"
 
 
 def start(name: str) -> dict[str, Any]:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 from typing import Annotated, Any, Literal, Self
 
 from pydantic import ConfigDict, Field, ValidationError, model_validator
@@ -59,6 +60,7 @@ from simcore.scenario.rules import (
     with_model_spacing,
     with_spacing,
 )
+from simcore.scenario.suggestions import did_you_mean
 from simcore.scenario.validation import problems_of
 from simcore.trajectory import Path
 
@@ -93,6 +95,8 @@ __all__ = [
     "StraightTrajectory",
     "Tissue",
 ]
+
+SHORT_MM = 1.0  # a path so short was probably written in metres
 
 
 class Scenario(Block):
@@ -169,13 +173,16 @@ class Scenario(Block):
 
     @classmethod
     def load(cls, data: Any) -> Scenario:
-        """Validate a JSON value (dict) or a JSON text. Raises ScenarioError, which names every wrong field.
+        """Validate a JSON value (dict), a JSON text, or the name of a built-in scenario. Raises ScenarioError, which
+        names every wrong field.
 
         Files that it names are looked up as `simcore.file_names` says at that moment.
         """
         try:
             if isinstance(data, bytes):
                 data = data.decode(json.detect_encoding(data))  # a redirected PowerShell writes UTF-16
+            if isinstance(data, str) and re.fullmatch(r"\s*[\w./\\:~ -]+\s*", data):
+                return cls._named(data.strip())
             text = data if isinstance(data, str) else json.dumps(data)
         except (TypeError, ValueError, RecursionError) as error:
             raise ScenarioError([Problem("scenario", type(data).__name__, f"is not JSON: {error}")]) from None
@@ -183,6 +190,19 @@ class Scenario(Block):
             return cls.model_validate_json(text)
         except ValidationError as error:
             raise ScenarioError(problems_of(error, cls, text)) from None
+
+    @classmethod
+    def _named(cls, name: str) -> Scenario:
+        """The built-in scenario of a name, which is neither an object nor a list as JSON."""
+        from simcore.scenario.presets import preset, preset_names
+
+        if name in preset_names():
+            return preset(name)
+        known, meant = ", ".join(preset_names()), did_you_mean(name, preset_names())
+        allowed = (
+            f"is neither JSON nor a built-in scenario: {known}{meant}; for a file: Scenario.load(open(name).read())"
+        )
+        raise ScenarioError([Problem("scenario", name, allowed)])
 
     def resolved(self) -> dict[str, Any]:
         """Every field with its value, as JSON data."""
@@ -213,5 +233,7 @@ class Scenario(Block):
             for field, value in frictions.items()
             if value > 0.3
         ]
+        if (length_mm := 1e3 * self.path().length_m) < SHORT_MM:
+            far.append(f"trajectory.target_mm: the path is {length_mm:.3g} mm long; are its points in metres?")
         conditions = self.model_dump(mode="json", include=set(CONDITIONS))
         return [*far, *training_warnings(self.controller, self.trajectory, conditions)]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from dataclasses import dataclass
 from typing import Any, get_args
 
@@ -10,6 +11,7 @@ from pydantic.fields import FieldInfo
 from pydantic_core import ErrorDetails, from_json
 
 from simcore.errors import Problem, ScenarioError
+from simcore.scenario.suggestions import as_list, did_you_mean, in_another_unit, unit_of
 
 MAXIMUM_PROBLEMS = 20
 MAXIMUM_NAME = 60
@@ -48,6 +50,12 @@ class _Place:
     value: Any
     holder: type[BaseModel] | None
     field: FieldInfo | None
+    root: type[BaseModel]
+
+    @property
+    def leaf(self) -> str:
+        """The last part of the name, without the number of an item."""
+        return re.sub(r"\[\d+\]", "", self.name.rpartition(".")[2])
 
 
 def _find(model: type[BaseModel], data: Any, location: Location) -> _Place:
@@ -70,22 +78,76 @@ def _find(model: type[BaseModel], data: Any, location: Location) -> _Place:
         models = _models(field) if field else []
         here = models[0] if len(models) == 1 else None
         tags = {m.model_fields["kind"].default: m for m in models} if len(models) > 1 else {}
-    return _Place(name or "scenario", data, holder, field)
+    return _Place(name or "scenario", data, holder, field, model)
 
 
 def _problem(item: ErrorDetails, place: _Place) -> Problem:
     if item["type"] == "extra_forbidden":
-        known = sorted(info.alias or name for name, info in place.holder.model_fields.items()) if place.holder else []
-        return Problem(place.name, place.value, f"unknown field; known here: {', '.join(known)}")
+        return Problem(place.name, place.value, _unknown_field(place))
     if item["type"] == "union_tag_invalid":
         kinds = item["ctx"]["expected_tags"].replace("'", "")
-        return Problem(f"{place.name}.kind", _item(place.value, "kind"), f"must be one of {kinds}")
+        kind = _item(place.value, "kind")
+        return Problem(f"{place.name}.kind", kind, f"must be one of {kinds}{did_you_mean(kind, kinds.split(', '))}")
     if item["type"] == "union_tag_not_found":
         return Problem(f"{place.name}.kind", None, f"is missing; it must be one of {', '.join(_kinds(place.field))}")
     message = item["msg"].replace("Input should", "should").replace("Field required", "is missing")
     message = message.replace("Tuple", "list").replace("String", "text").replace(" after validation", "")
-    allowed = place.field.description if place.field and not _models(place.field) else None
-    return Problem(place.name, place.value, f"{message} (allowed: {allowed})" if allowed else message)
+    message = message.replace("valid array", "list")
+    allowed = _with_unit(place) if place.field and not _models(place.field) else None
+    return Problem(
+        place.name, place.value, message + (f" (allowed: {allowed})" if allowed else "") + _guess(item, place)
+    )
+
+
+def _unknown_field(place: _Place) -> str:
+    """What is known there instead, and where a field of that name is."""
+    known = sorted(info.alias or name for name, info in place.holder.model_fields.items()) if place.holder else []
+    leaf = place.name.rpartition(".")[2]
+    elsewhere = [path for path in _paths(place.root) if path.rpartition(".")[2] == leaf]
+    meant = f"; did you mean {elsewhere[0]}?" if elsewhere else did_you_mean(leaf, known)
+    return f"unknown field; known here: {', '.join(known)}{meant}"
+
+
+def _paths(model: type[BaseModel], prefix: str = "") -> list[str]:
+    """Dotted names of all fields."""
+    paths = []
+    for name, info in model.model_fields.items():
+        path = prefix + (info.alias or name)
+        inner = [found for one in _models(info) for found in _paths(one, f"{path}.")]
+        paths += inner or [path]
+    return list(dict.fromkeys(paths))
+
+
+def _with_unit(place: _Place) -> str | None:
+    """The description of a field; a range in it has its unit."""
+    text = place.field.description if place.field else None
+    unit = unit_of(place.leaf)
+    return f"{text} {unit}" if text and unit and text[-1].isdigit() else text
+
+
+def _guess(item: ErrorDetails, place: _Place) -> str:
+    if item["type"] in ("greater_than_equal", "less_than_equal"):
+        low, high = _range_of(place)
+        return in_another_unit(place.leaf, place.value, low, high)
+    if item["type"] in ("tuple_type", "list_type"):
+        return as_list(place.value)
+    if item["type"] == "literal_error" and place.field is not None:
+        return did_you_mean(place.value, re.findall(r"'([^']+)'", item["ctx"]["expected"]))
+    return ""
+
+
+def _range_of(place: _Place) -> tuple[float | None, float | None]:
+    """The bounds of a number, or of each number of a list."""
+    if place.field is None:
+        return None, None
+    notes, parts = list(place.field.metadata), [place.field.annotation]
+    while parts:
+        part = parts.pop()
+        notes += [inner for note in getattr(part, "__metadata__", ()) for inner in getattr(note, "metadata", [note])]
+        parts += get_args(part)[:1]
+    low = next((float(note.ge) for note in notes if getattr(note, "ge", None) is not None), None)
+    high = next((float(note.le) for note in notes if getattr(note, "le", None) is not None), None)
+    return low, high
 
 
 def _item(data: Any, step: int | str) -> Any:

@@ -50,3 +50,23 @@ def test_a_ready_database_is_opened_without_alembic() -> None:
         "open_database(path).dispose()"
     )
     assert "alembic" not in imported(code)
+
+
+@pytest.mark.parametrize(
+    "arguments",
+    [
+        ["run", "demo", "--out", "nowhere", "--set", "tissue.young_kpa=-1"],
+        ["run", "dem", "--out", "nowhere"],
+        ["scenario", "dem"],
+        ["campaign", "run", "lin10-v1"],
+        ["campaign", "run", "--grid", "tissue.young_kpa=3,-3"],
+    ],
+    ids=lambda arguments: " ".join(arguments),
+)
+def test_a_refusal_waits_for_no_simulation_and_no_service(arguments: list[str]) -> None:
+    code = (
+        "from click.testing import CliRunner\nfrom service.cli.main import main\n"
+        f"assert CliRunner().invoke(main, {arguments!r}).exit_code == 2"
+    )
+    unwanted = (SIMULATION | SERVICE | {"pyarrow"}) - {"meshio"}
+    assert imported(code) & unwanted == set()

@@ -139,10 +139,18 @@ def delete_campaign(campaign_id: CampaignId, service: ServiceOf) -> None:
     summary="List the insertions of a campaign",
     responses=documented(404),
 )
-def list_campaign_jobs(campaign_id: CampaignId, service: ServiceOf) -> CampaignCaseList:
-    """Every case with its job and its result so far."""
-    results = [CaseResult.of(case) for case in service.campaigns.cases(campaign_id)]
-    return CampaignCaseList(items=[CampaignCaseView.of(row) for row in results])
+def list_campaign_jobs(
+    campaign_id: CampaignId,
+    service: ServiceOf,
+    limit: Annotated[int, Query(ge=1, le=100_000, description="Most items of the page.")] = 10_000,
+    cursor: Cursor = None,
+) -> CampaignCaseList:
+    """Cases with their jobs and their results so far."""
+    first = int(cursor or 0)
+    found = service.campaigns.cases(campaign_id, first=first, limit=limit + 1)
+    following = str(found[limit].number) if len(found) > limit else None
+    results = [CaseResult.of(case) for case in found[:limit]]
+    return CampaignCaseList(items=[CampaignCaseView.of(row) for row in results], next_cursor=following)
 
 
 @router.get(

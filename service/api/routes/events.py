@@ -1,12 +1,13 @@
 """Events of jobs as they happen: a stream of server-sent events that can be resumed, or a list.
 
+A stream that falls too far behind ends with the event `dropped`, which says after which event it may begin again.
+
 The log of a job holds its changes of state. Progress is in the stream only, without a number: a client that resumes
 after the last event it has seen gets each later change of state once, and the current progress.
 """
 
 from __future__ import annotations
 
-import asyncio
 import json
 from collections.abc import AsyncIterator
 from typing import Annotated, Any
@@ -16,18 +17,17 @@ from fastapi.sse import KEEPALIVE_COMMENT, EventSourceResponse, format_sse_event
 from starlette.concurrency import run_in_threadpool
 
 from service.api.context import Service, ServiceOf
+from service.api.event_hub import BATCH, EncodedEvent, progress_event
 from service.api.openapi import documented
 from service.api.parameters import JobId
-from service.api.schemas.jobs import EventList, EventView, Progress
-from service.engine.change_notifier import EVERYTHING
-from service.store.job import RUNNING, TERMINAL, Event, Job
+from service.api.schemas.jobs import EventList, EventView
+from service.store.job import TERMINAL, Job
 
 router = APIRouter(prefix="/api/v1", tags=["events"])
 
 STREAM = "text/event-stream"
 KEEP_ALIVE_S = 10.0
 _RETRY_MS = 1000  # what a browser waits before it connects again
-_BATCH = 200
 
 After = Annotated[int | None, Query(ge=0, le=2**62, description="Only events after this number.")]
 LastEventId = Annotated[
@@ -112,48 +112,46 @@ def _stream(service: Service, request: Request, job_id: str | None, after: int) 
 
 async def _events(service: Service, request: Request, job_id: str | None, after: int) -> AsyncIterator[bytes]:
     """The events after number `after`, with progress between them, until there can be no more."""
-    versions: dict[str, int] = {}  # of the progress sent last
     yield format_sse_event(comment="needlebench", retry=_RETRY_MS)
-    with service.changes.watch(job_id or EVERYTHING) as changed:
-        while True:
-            changed.clear()
-            news, running = await run_in_threadpool(_news, service, job_id, after)
-            for event in news:
+    with service.events.subscribe(job_id) as waiting:
+        async for event in _before(service, job_id, after):
+            after = event.seq
+            yield event.data
+            if job_id is not None and await _is_last(service, event):
+                return
+        for job in await run_in_threadpool(_running, service, job_id):
+            yield progress_event(job)
+        while not (waiting.dropped or service.changes.closed or await request.is_disconnected()):
+            if (event := waiting.next_event(after)) is not None:
                 after = event.seq
-                yield _event(event)
+                yield event.data
                 if job_id is not None and await _is_last(service, event):
                     return
-            if len(news) == _BATCH:
-                continue
-            for job in _advanced(running, versions):
-                yield _progress(job)
-            if service.changes.closed or await request.is_disconnected():
-                return
-            try:
-                await asyncio.wait_for(changed.wait(), KEEP_ALIVE_S)
-            except TimeoutError:
+            elif waiting.progress:
+                yield waiting.progress.pop(next(iter(waiting.progress)))
+            elif not await waiting.more(KEEP_ALIVE_S):
                 yield KEEPALIVE_COMMENT
+        if not service.changes.closed:
+            yield format_sse_event(event="dropped", data_str=json.dumps({"after": after}))
 
 
-def _advanced(running: list[Job], versions: dict[str, int]) -> list[Job]:
-    """The jobs whose progress is not that of `versions`, which is replaced by theirs: a stream outlives many jobs."""
-    started = {job.id: job for job in running if job.progress}
-    news = [job for job in started.values() if versions.get(job.id) != job.version]
-    versions.clear()
-    versions.update((job.id, job.version) for job in started.values())
-    return news
+async def _before(service: Service, job_id: str | None, after: int) -> AsyncIterator[EncodedEvent]:
+    """What was committed when the stream began, batch by batch."""
+    while True:
+        events = await run_in_threadpool(service.store.events, job_id, after=after, limit=BATCH)
+        for event in events:
+            after = event.seq
+            yield EncodedEvent.of(event)
+        if len(events) < BATCH:
+            return
 
 
-def _news(service: Service, job_id: str | None, after: int) -> tuple[list[Event], list[Job]]:
-    """Later events, and the jobs that run now."""
-    if job_id is None:
-        running = service.store.newest(state=RUNNING)
-    else:
-        running = [job for job in service.store.find(job_id) if job.state == RUNNING]
-    return service.store.events(job_id, after=after, limit=_BATCH), running
+def _running(service: Service, job_id: str | None) -> list[Job]:
+    """The jobs that run now and have shown progress."""
+    return [job for job in service.store.running() if job.progress and job_id in (None, job.id)]
 
 
-async def _is_last(service: Service, event: Event) -> bool:
+async def _is_last(service: Service, event: EncodedEvent) -> bool:
     """Whether this event ended the job for good: it has not been queued again since."""
     if event.kind == "deleted":
         return True
@@ -161,13 +159,3 @@ async def _is_last(service: Service, event: Event) -> bool:
         return False
     later = await run_in_threadpool(service.store.events, event.job_id, after=event.seq)
     return not any(one.kind not in ("pinned", "unpinned") for one in later)
-
-
-def _event(event: Event) -> bytes:
-    view = EventView.of(event)
-    return format_sse_event(event=event.kind, id=str(event.seq), data_str=view.model_dump_json())
-
-
-def _progress(job: Job) -> bytes:
-    data = {"job": job.id, "attempt": job.attempt, **Progress.of(job).model_dump()}
-    return format_sse_event(event="progress", data_str=json.dumps(data, allow_nan=False))

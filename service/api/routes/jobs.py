@@ -83,6 +83,8 @@ def _scenario(value: Any, service: Service) -> tuple[Scenario, Cost, set[str]]:
 def list_jobs(
     service: ServiceOf,
     state: Annotated[State | None, Query(description="Only jobs in this state.")] = None,
+    name: Annotated[str | None, Query(max_length=100, description="Only jobs of this name.")] = None,
+    campaign: Annotated[str | None, Query(max_length=32, description="Only insertions of this campaign.")] = None,
     outcome: Annotated[Outcome | None, Query(description="Only jobs that finished with this outcome.")] = None,
     limit: Annotated[int, Query(ge=1, le=200, description="Most items of the page.")] = 50,
     cursor: Cursor = None,
@@ -90,7 +92,8 @@ def list_jobs(
     """A page of jobs, without their scenarios and results."""
 
     def newest(most: int, before: int | None) -> list[Job]:
-        return service.store.newest(state=state, outcome=outcome, limit=most, before=before)
+        wanted = {"state": state, "outcome": outcome, "name": name, "campaign": campaign}
+        return service.store.newest(**wanted, limit=most, before=before)
 
     page = read_page(newest, size=limit, cursor=cursor)
     return JobPage(items=[JobSummary.of(job) for job in page.items], next_cursor=page.next_cursor)

@@ -11,7 +11,7 @@ from service.admission.training_request import STEPS, TrainRequest, check_traini
 from service.api.context import ServiceOf
 from service.api.idempotency import IdempotencyKey, own_key
 from service.api.openapi import documented
-from service.api.parameters import ModelId
+from service.api.parameters import Cursor, ModelId
 from service.api.routes.jobs import LOCATION
 from service.api.schemas.jobs import JobSummary, JobView
 from service.api.schemas.models import JOBS_SHOWN, ControllerInfo, ControllerList, ModelDetail, ModelList, ModelView
@@ -31,10 +31,12 @@ _JSON = {"application/json": {"schema": {"type": "object"}}}
 def list_models(
     service: ServiceOf,
     limit: Annotated[int, Query(ge=1, le=1000, description="Most uploaded and trained ones in the list.")] = 100,
+    cursor: Cursor = None,
 ) -> ModelList:
     """Those that were trained or uploaded here, newest first, then the bundled ones. To steer by one, a scenario sets
     `controller.kind` to its `kind` and `controller.model` to its `reference`."""
-    return ModelList(items=[ModelView.of(model) for model in service.models.all(limit=limit)])
+    page = service.models.page(size=limit, cursor=cursor)
+    return ModelList(items=[ModelView.of(model) for model in page.items], next_cursor=page.next_cursor)
 
 
 @router.post(

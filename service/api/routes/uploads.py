@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import os
+from collections.abc import Callable
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -15,7 +16,7 @@ from starlette.responses import FileResponse
 from service.admission.upload_check import UnusableUploadError, inspect
 from service.api.context import Service, ServiceOf
 from service.api.openapi import documented
-from service.api.parameters import UploadId
+from service.api.parameters import Cursor, UploadId
 from service.api.problems import HttpError
 from service.api.schemas.uploads import UploadKind, UploadList, UploadView
 from service.api.served_file import served_file
@@ -59,7 +60,7 @@ async def create_upload(
     suffix = _suffix(kind, name, request.headers.get("content-type", ""))
     draft = await run_in_threadpool(service.uploads.draft, suffix)
     try:
-        sha256 = await _receive(request, draft)
+        sha256 = await _receive(request, draft, service.uploads.grow)
         async with service.uploads.checking:
             content = await run_in_threadpool(_content, service, draft, kind, name, sha256)
         caller = request.state.caller
@@ -67,7 +68,7 @@ async def create_upload(
             service.uploads.keep, draft, kind=kind, name=name, sha256=sha256, content=content, owner=caller.key_id
         )
     finally:
-        await run_in_threadpool(draft.unlink, missing_ok=True)
+        await run_in_threadpool(service.uploads.drop, draft)
     response.status_code = status.HTTP_201_CREATED if new else status.HTTP_200_OK
     response.headers["Location"] = f"/api/v1/uploads/{upload.id}"
     return UploadView.of(upload)
@@ -87,12 +88,13 @@ def _suffix(kind: str, name: str, content_type: str) -> str:
     return suffix
 
 
-async def _receive(request: Request, draft: Path) -> str:
-    """Write the body into `draft` as it arrives; its SHA-256."""
+async def _receive(request: Request, draft: Path, grow: Callable[[Path, int], None]) -> str:
+    """Write the body into `draft` as it arrives; its SHA-256. grow: hears of bytes before they are written."""
     digest, waiting = hashlib.sha256(), bytearray()
     with await run_in_threadpool(draft.open, "xb") as file:
 
         def write(data: bytes) -> None:
+            grow(draft, len(data))
             digest.update(data)
             file.write(data)
 
@@ -132,9 +134,11 @@ def list_uploads(
     service: ServiceOf,
     limit: Annotated[int, Query(ge=1, le=1000, description="Most items of the list.")] = 100,
     kind: Annotated[UploadKind | None, Query(description="Only of this kind.")] = None,
+    cursor: Cursor = None,
 ) -> UploadList:
     """Meshes, models and poses that scenarios may use, and data sets to train models on."""
-    return UploadList(items=[UploadView.of(item) for item in service.uploads.newest(limit=limit, kind=kind)])
+    page = service.uploads.page(size=limit, cursor=cursor, kind=kind)
+    return UploadList(items=[UploadView.of(item) for item in page.items], next_cursor=page.next_cursor)
 
 
 @router.get("/{upload_id}", operation_id="get_upload", summary="One uploaded file", responses=documented(404))

@@ -137,9 +137,10 @@ class CampaignCaseView(BaseModel):
 
 
 class CampaignCaseList(BaseModel):
-    """The insertions of a campaign, in the order of their numbers."""
+    """The insertions of a campaign, in the order of their numbers; next_cursor leads on, null at the end."""
 
     items: list[CampaignCaseView]
+    next_cursor: str | None
 
 
 class SuiteView(BaseModel):

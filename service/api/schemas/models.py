@@ -80,9 +80,10 @@ class ModelDetail(ModelView):
 
 
 class ModelList(BaseModel):
-    """Models: trained and uploaded ones newest first, then the bundled ones."""
+    """Models: trained and uploaded ones newest first, then the bundled ones; next_cursor leads on, null at the end."""
 
     items: list[ModelView]
+    next_cursor: str | None
 
 
 class ControllerInfo(BaseModel):

@@ -43,6 +43,7 @@ class UploadView(BaseModel):
 
 
 class UploadList(BaseModel):
-    """Uploaded files, newest first."""
+    """Uploaded files, newest first; next_cursor leads to the older ones, null at the end."""
 
     items: list[UploadView]
+    next_cursor: str | None

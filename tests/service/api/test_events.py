@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+import asyncio
+from contextlib import ExitStack, contextmanager
 from typing import TYPE_CHECKING
 
 import pytest
 
-from service.api.routes.events import _advanced
-from service.store.job import Outcome
+from service.api import event_hub
+from service.api.event_hub import EventHub, Subscription
+from service.store.job import FINISHED, Outcome
 from tests.service.http import finish, idle_service
 
 if TYPE_CHECKING:
@@ -97,22 +100,84 @@ def test_a_pinned_job_is_kept(both: tuple[TestClient, Service]) -> None:
     assert http.delete(url).status_code == 204
 
 
-def test_a_stream_tells_each_progress_once_and_remembers_no_job_that_has_ended(
-    both: tuple[TestClient, Service],
-) -> None:
+def test_progress_is_told_once_and_that_of_an_ended_job_forgotten(both: tuple[TestClient, Service]) -> None:
     http, service = both
-    versions: dict[str, int] = {}
+    hub = service.events
     for _ in range(3):
         submit(http)
         started = service.store.claim()
         assert started is not None
-        assert _advanced([started], versions) == []
+        assert hub._advanced([started]) == {}
         for step in (1, 2):
             service.store.beat(started, {"step": step, "steps": 2, "fraction": 0.5 * step})
-            running = service.store.newest(state="running")
-            assert [job.id for job in _advanced(running, versions)] == [started.id]
-            assert _advanced(running, versions) == []
-        assert list(versions) == [started.id]
-        service.store.finish(started, Outcome(state="finished", result={}))
-        assert _advanced(service.store.newest(state="running"), versions) == []
-        assert versions == {}
+            assert list(hub._advanced(service.store.running())) == [started.id]
+            assert hub._advanced(service.store.running()) == {}
+        assert list(hub._versions) == [started.id]
+        service.store.finish(started, Outcome(state=FINISHED, result={}))
+        assert hub._advanced(service.store.running()) == {}
+        assert hub._versions == {}
+
+
+async def _settled(hub: EventHub, streams: list[Subscription], number: int) -> None:
+    while not all(stream.dropped or (stream.events and stream.events[-1].seq >= number) for stream in streams):
+        await asyncio.sleep(0.01)
+    del hub
+
+
+def test_one_look_a_change_serves_all_streams_and_a_slow_one_is_dropped(
+    both: tuple[TestClient, Service], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    http, service = both
+    monkeypatch.setattr(event_hub, "MOST_WAITING", 20)
+
+    async def scenario() -> None:
+        hub = service.events
+        with ExitStack() as stack:
+            streams = [stack.enter_context(hub.subscribe(None)) for _ in range(500)]
+            one = stack.enter_context(hub.subscribe("another job"))
+            await asyncio.sleep(0.5)  # it knows where it begins
+            before = hub.looks
+            for _ in range(10):
+                await asyncio.to_thread(submit, http)
+            await _settled(hub, streams, service.store.last_event())
+            assert 1 <= hub.looks - before <= 12  # not 5000
+            assert [event.kind for event in streams[0].events] == ["queued"] * 10
+            assert not one.events
+            read = streams[1:]
+            while not streams[0].dropped:
+                for stream in read:
+                    stream.events.clear()
+                await asyncio.to_thread(submit_many, service, 11)
+                await _settled(hub, read, service.store.last_event())
+            assert not streams[0].events
+            assert not any(stream.dropped for stream in read)
+            assert max(len(stream.events) for stream in read) <= 20
+        await asyncio.sleep(0)
+
+    asyncio.run(scenario())
+
+
+def submit_many(service: Service, count: int) -> None:
+    values = {"spec": {}, "spec_hash": "", "steps": 1, "priority": 0, "timeout_s": 60.0}
+    for number in range(count):
+        service.store.submit(name=f"j{number}", **values)  # type: ignore[arg-type]
+
+
+def test_a_stream_that_fell_behind_ends_and_says_where_to_begin_again(
+    both: tuple[TestClient, Service], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    http, service = both
+    submit(http)
+    last = service.store.last_event()
+    subscribe = EventHub.subscribe
+
+    @contextmanager
+    def slow(self: EventHub, job_id: str | None) -> Iterator[Subscription]:
+        with subscribe(self, job_id) as stream:
+            stream.dropped = True
+            yield stream
+
+    monkeypatch.setattr(EventHub, "subscribe", slow)
+    answer = http.get("/api/v1/events?after=0", headers={"Accept": "text/event-stream"})
+    assert f'event: dropped\ndata: {{"after": {last}}}' in answer.text
+    assert answer.text.count("event: queued") == 1

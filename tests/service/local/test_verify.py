@@ -174,3 +174,20 @@ def test_a_broken_series_is_named(rollout: Rollout, tmp_path: Path) -> None:
     assert "series.npz cannot be read" in told.output
     with pytest.raises(CannotVerifyError):
         compare({"digest": "0"}, None, rollout)
+
+
+def test_another_processor_or_blas_is_warned_of(rollout: Rollout, tmp_path: Path) -> None:
+    path = stored(rollout, tmp_path)
+    result = json.loads(path.read_text())
+    origin = result["provenance"]
+    assert origin["llvm_cpu"]
+    assert {"blas_core", "blas_version"} <= origin.keys()
+    same = needlebench("verify", str(path))
+    assert "another processor" not in same.stderr
+    features = f"{origin['llvm_features']} avx9000"
+    path.write_text(json.dumps({**result, "provenance": {**origin, "blas_core": "P5", "llvm_features": features}}))
+    other = needlebench("verify", str(path))
+    assert other.exit_code == 0
+    assert "warning: the kernels or the BLAS are for another processor than then" in other.stderr
+    assert f"blas_core          P5 -> {origin['blas_core']}" in other.stdout
+    assert "llvm_features      with avx9000 -> without" in other.stdout

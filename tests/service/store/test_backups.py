@@ -131,13 +131,13 @@ def test_a_damaged_file_is_refused_with_the_newest_backup(store: Store, data: Pa
 
 
 def test_ends_of_jobs_count_once_they_are_published(store: Store, data: Path) -> None:
-    from service.store.job import SUCCEEDED, Outcome
+    from service.store.job import FINISHED, Outcome
 
     submit(store, 2)
     job = store.claim()
     assert job is not None
     before = acknowledged(data / DATABASE)
-    done, _ = store.exchange(job, Outcome(state=SUCCEEDED, result={}))
+    done, _ = store.exchange(job, Outcome(state=FINISHED, result={}))
     assert acknowledged(data / DATABASE) == before
     store.publish(done.id)
     assert acknowledged(data / DATABASE) == before + 3  # one begun, ended, the next begun
@@ -298,5 +298,7 @@ def test_the_commands_back_up_and_restore(store: Store, data: Path, tmp_path: Pa
     assert done.exit_code == 0, done.output
     assert "restored the state of" in done.stderr
     assert jobs_in(data) == 2
+    for path in (tmp_path / "kept", tmp_path / "kept" / DATABASE, data / DATABASE):
+        assert path.stat().st_mode & 0o077 == 0, path
     assert "is no backup" in invoke("restore", str(tmp_path)).stderr
     assert invoke("restore", "--as-it-is").exit_code == 0

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import hashlib
 import io
 import json
@@ -392,3 +393,42 @@ def test_limits_are_told_in_the_estimate(tmp_path: Path) -> None:
     assert error["field"] == "tissue.mesh_file"
     assert "gives 105 nodes, at most 100 are allowed here (estimate: 105 nodes" in error["message"]
     assert json.dumps(told)
+
+
+def test_what_is_still_coming_in_is_counted_and_removed(tmp_path: Path) -> None:
+    with idle_service(tmp_path / "data", limits=Limits(uploads_mb=0.01)) as (http, service):
+        uploads = service.uploads
+        first = uploads.draft(".msh")
+        first.write_bytes(b"x" * 6000)
+        uploads.grow(first, 6000)
+        answer = send(http, b"y" * 5000)
+        assert (answer.status_code, answer.json()["code"]) == (507, "uploads-full")
+        assert "with those that are coming in" in answer.json()["detail"]
+        assert [path.name for path in uploads.folder.iterdir()] == [first.name]
+        uploads.drop(first)
+        uploads.drop(first)
+        assert list(uploads.folder.iterdir()) == []
+        assert send(http, b"y" * 5000).status_code == 422  # looked into: it is no mesh
+        assert uploads._incoming == {}
+
+
+def test_a_disk_that_is_full_during_an_upload_is_507_and_leaves_nothing(
+    http: TestClient, both: tuple[TestClient, Service], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    service = both[1]
+
+    def refuse(*_: object) -> None:
+        raise OSError(errno.ENOSPC, "No space left on device")
+
+    monkeypatch.setattr(service.uploads, "grow", refuse)
+    answer = send(http, b"y" * 5000)
+    assert (answer.status_code, answer.json()["code"]) == (507, "disk-full")
+    assert "No space left on device" in answer.json()["detail"]
+    assert list(service.settings.uploads.iterdir()) == []
+
+
+def test_a_truncated_archive_of_arrays_is_422(http: TestClient) -> None:
+    whole = dataset_bytes()
+    for length in (10, 200, len(whole) // 2, len(whole) - 30):
+        answer = send(http, whole[:length], "data.npz", "dataset")
+        assert (answer.status_code, answer.json()["code"]) == (422, "upload-unusable"), length

@@ -183,6 +183,7 @@ def test_defaults_are_those_of_version_1() -> None:
         "trajectory": {
             "kind": "line",
             "entry_mm": [18.0, 31.0, 0.0],
+            "entry_snap_mm": 0.0,
             "target_mm": [18.0, 31.0, 122.0],
             "speed_mm_s": 10.0,
             "frame": "world",
