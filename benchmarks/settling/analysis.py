@@ -150,7 +150,7 @@ def families(planned: Sequence[Planned]) -> list[FamilyVerdict]:
     what the verdict hangs on."""
     ways: dict[str, Callable[[Planned], str]] = {
         "plant": lambda one: one.second.plant.title,
-        "I-FEM's delay": lambda one: f"{1e3 * one.second.delay_s:g} ms",
+        "I-FEM’s delay": lambda one: f"{1e3 * one.second.delay_s:g} ms",
         "remote centre": lambda one: one.second.rows_title,
     }
     found = [together("all planned comparisons", planned)]
