@@ -21,7 +21,7 @@ COMPILE = env -u UV_INDEX -u UV_INDEX_URL -u UV_EXTRA_INDEX_URL -u UV_DEFAULT_IN
 	$(UV) pip compile --universal --python-version 3.11 --fork-strategy fewest --generate-hashes --no-config \
 	--no-emit-index-url --no-emit-find-links --custom-compile-command "make lock" --quiet
 
-.PHONY: help run env env-dev check test test-fast test-long test-python chaos docs verification models lock hooks image clean
+.PHONY: help run env env-dev check test test-fast test-long test-python chaos docs verification golden models lock hooks image clean
 
 help:  ## this list
 	@awk -F ':.*## ' '/^[a-z-]+:.*## / { printf "  make %-12s %s\n", $$1, $$2 }' Makefile
@@ -69,6 +69,11 @@ verification: env-dev  ## run the physics and reproducibility tests and write be
 	SOURCE_DATE="$${SOURCE_DATE:-$$(date -u +%Y-%m-%d)}" \
 	$(BIN)/python -m pytest tests/simcore tests/acceptance/test_reproducibility.py \
 	--verification benchmarks/results/verification.md $(ARGS)
+
+golden: env-dev  ## measure golden numbers and pinned digests of suites again, and write the README's tables (say why in CHANGELOG.md)
+	$(BIN)/python -m tests.benchmarks.golden
+	$(BIN)/python -m tests.benchmarks.paper.test_suites
+	$(BIN)/python docs/refresh_readme.py
 
 models: env-dev  ## run the training insertions and train the bundled models, in simcore/models (half an hour and more)
 	$(BIN)/needlebench dataset --out out/models/data.npz --force

@@ -30,7 +30,7 @@ def benchmark_scenario(name: str, *, quick: bool, changes: tuple[str, ...] = ())
 def with_blocks(scenario: Scenario, **blocks: Any) -> Scenario:
     """A copy with other fields: `with_blocks(s, tissue={"element_size_mm": 4.0}, dt_s=0.005)`.
 
-    The spacing of the constraint points follows the mesh again unless it is among the changes.
+    The spacing of the constraint points is derived again where the mesh changes, unless it is among the changes.
     """
     data = scenario.resolved()
     if "tissue" in blocks:

@@ -14,6 +14,7 @@ from benchmarks.performance.throughput import throughput
 from benchmarks.performance.whole_step import step
 from benchmarks.studies.convergence import convergence
 from benchmarks.studies.forces import forces
+from benchmarks.studies.sweeps import sweeps_study
 from simcore.errors import Problem, ScenarioError
 
 if TYPE_CHECKING:
@@ -39,9 +40,10 @@ BENCHMARKS = {
     "throughput": Benchmark(throughput, "two jobs at once on two cores, compared with one after the other"),
     "recording": Benchmark(recording, "a run with and without its recording"),
     "start-up": Benchmark(start, "process start to first step, warm and cold kernel cache"),
-    "memory": Benchmark(memory, "peak memory of a process at 1,617 and 5,270 nodes"),
+    "memory": Benchmark(memory, "peak memory of a process at 1,617 and 4,743 nodes"),
     "profile": Benchmark(profile, "share of each stage of a step"),
-    "convergence": Benchmark(convergence, "tip, entry force and sum |lambda| by discretisation", study=True),
+    "convergence": Benchmark(convergence, "bands of the default: three meshes, three spacings", study=True),
+    "sweeps": Benchmark(sweeps_study, "tip, entry force and sum |lambda|, one parameter at a time", study=True),
     "forces": Benchmark(forces, "force over depth: push, hold, pull out", study=True),
 }
 

@@ -52,9 +52,8 @@ METRICS = (
     Metric(
         "metrics.success",
         "yes or no",
-        "stable, reached the last step, the tip never more than 2 mm from the target of its command for more than "
-        "0.5 s, and at most `success_mm` from the end of the path after the last step, and the needle below "
-        "`needle.yield_mpa`",
+        "stable, the tip never more than 2 mm from the target of its command for more than 0.5 s, at most `success_mm` "
+        "from the end of the path after the last step, and the needle below `needle.yield_mpa`",
         1,
         1,
         "the target was lost on the way or at the end, or the needle would have yielded",

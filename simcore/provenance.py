@@ -66,12 +66,15 @@ def _processor() -> str:
 @cache
 def _compiled_for() -> dict[str, str]:
     """Processor and features that kernels are compiled for: they decide which instructions round."""
-    from llvmlite import binding
+    from llvmlite import binding  # type: ignore[import-untyped]
     from numba import config
 
-    features = config.CPU_FEATURES or binding.get_host_cpu_features().flatten()
+    features = getattr(config, "CPU_FEATURES", None) or binding.get_host_cpu_features().flatten()
     enabled = sorted(name[1:] for name in features.split(",") if name.startswith("+"))
-    return {"llvm_cpu": config.CPU_NAME or binding.get_host_cpu_name(), "llvm_features": " ".join(enabled)}
+    return {
+        "llvm_cpu": getattr(config, "CPU_NAME", None) or binding.get_host_cpu_name(),
+        "llvm_features": " ".join(enabled),
+    }
 
 
 @cache

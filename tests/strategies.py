@@ -7,6 +7,8 @@ from typing import Any
 
 from hypothesis import strategies as st
 
+from simcore.contact.line_radius import smallest_ball_radius
+from simcore.scenario.blocks import HARD_SPACING_MM, LEAST_SPACING_MM
 from simcore.scenario.scenario import MAXIMUM_CELLS, MAXIMUM_STEPS, MINIMUM_DEPTH_MM, STAND_OFF_MM
 
 Json = dict[str, Any]
@@ -25,12 +27,6 @@ def faces() -> st.SearchStrategy[list[str]]:
     return st.lists(st.sampled_from(FACES), min_size=1, unique=True)
 
 
-def something_moves(held: list[str], size: list[float], element: float) -> bool:
-    """Whether a layer of nodes lies between any two fixed faces."""
-    thin = [axis for axis, edge in zip("xyz", size, strict=True) if round(edge / element) <= 1]
-    return not any({f"{axis}_min", f"{axis}_max"} <= set(held) for axis in thin)
-
-
 @st.composite
 def tissues(draw: st.DrawFn) -> Json:
     size = [draw(between(10.0, 250.0)) for _ in range(3)]
@@ -44,7 +40,7 @@ def tissues(draw: st.DrawFn) -> Json:
         "density_kg_m3": draw(between(0.0, 20_000.0)),
         "rayleigh_mass_per_s": draw(between(0.0, 1000.0)),
         "rayleigh_stiffness_s": draw(between(0.0, 10.0)),
-        "fixed_faces": draw(faces().filter(lambda held: something_moves(held, size, element))),
+        "fixed_faces": draw(faces()),
     }
 
 
@@ -126,6 +122,21 @@ def poses(draw: st.DrawFn) -> list[float]:
 
 
 @st.composite
+def points(draw: st.DrawFn, element: float, outer: float) -> Json:
+    """How constraint points couple needle and tissue."""
+    if compliant := draw(st.booleans()):
+        spacing, spread = between(LEAST_SPACING_MM, 50.0), between(1.01 * smallest_ball_radius(0.5 * outer), 20.0)
+    else:
+        spacing, spread = between(max(HARD_SPACING_MM, element), 50.0), st.just(0.0) | between(0.1, 20.0)
+    return {
+        "line_compliance": compliant,
+        "tip": draw(st.sampled_from(["free", "held"])),
+        "spacing_mm": draw(st.none() | spacing),
+        "spread_mm": draw(spread),
+    }
+
+
+@st.composite
 def scenarios(draw: st.DrawFn) -> Json:
     """Any valid scenario, every field given."""
     tissue = draw(tissues())
@@ -153,8 +164,7 @@ def scenarios(draw: st.DrawFn) -> Json:
             "elements": draw(st.integers(2, 200)),
         },
         "interaction": {
-            "spacing_mm": draw(st.none() | between(max(MINIMUM_SPACING_MM, element), 50.0)),
-            "spread_mm": draw(st.just(0.0) | between(0.1, 20.0)),
+            **draw(points(element, outer)),
             "friction": draw(between(0.0, 1.0)),
             "adhesion_n_per_mm": draw(between(0.0, 1.0)),
             "cutting_n": draw(between(0.0, 10.0)),
@@ -185,6 +195,14 @@ steered = st.sampled_from(
     ]
 )
 
+coupled = st.fixed_dictionaries(
+    {"line_compliance": st.just(True), "spread_mm": st.sampled_from([1.3, 6.0, 20.0])},
+    optional={"tip": st.sampled_from(["free", "held"]), "spacing_mm": st.sampled_from([0.5, 3.0, 12.0])},
+) | st.fixed_dictionaries(
+    {"line_compliance": st.just(False), "spread_mm": st.sampled_from([0.0, 4.0, 20.0])},
+    optional={"tip": st.sampled_from(["free", "held"])},
+)
+
 
 @st.composite
 def small_runs(draw: st.DrawFn) -> Json:
@@ -209,11 +227,11 @@ def small_runs(draw: st.DrawFn) -> Json:
         },
         "needle": {"length_mm": length + STAND_OFF_MM, "elements": draw(st.integers(2, 8))},
         "interaction": {
-            "spread_mm": draw(st.sampled_from([0.0, 4.0, 20.0])),
+            **draw(coupled),
             "friction": draw(st.sampled_from([0.0, 0.1, 1.0])),
             "adhesion_n_per_mm": draw(st.sampled_from([0.0, 0.01, 1.0])),
             "cutting_n": draw(between(0.0, 2.0)),
-            "puncture_n": draw(between(0.0, 2.0)),
+            "puncture_n": draw(st.just(0.0) | between(0.0, 2.0)),
         },
         "trajectory": trajectory,
         "controller": draw(st.one_of(steered, steered, replays_near(trajectory["entry_mm"], length + STAND_OFF_MM))),

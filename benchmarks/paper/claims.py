@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import json
 import math
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from benchmarks.paper import statistics
 from benchmarks.paper.direction_claims import direction_claim, overfitting_claim, variable_direction_claim
@@ -32,6 +32,7 @@ from benchmarks.paper.failure_places import border_mm
 from benchmarks.paper.number_text import effect_text, millimetres, p_value, share_text
 from benchmarks.paper.table import ALL, Row, arm_name, main_rows
 from benchmarks.paper.timing import PAPER_REDUCTIONS, Saving
+from simcore.scenario.held_parts import held_faces_of
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -73,11 +74,16 @@ def assumptions(table: Sequence[Row]) -> list[str]:
     mine = main_rows(table)
     found = []
     for text, block, field, unit in ASSUMED:
-        values = [row.scenario.get(block, {}).get(field) for row in mine]
+        values = [_assumed(row.scenario.get(block, {}), field) for row in mine]
         known = list(dict.fromkeys(json.dumps(value) for value in values if value is not None))
         if known:
             found.append(f"{text}: {', '.join(sorted(known)[:MOST_VALUES])}{unit}".replace('"', ""))
     return found
+
+
+def _assumed(block: dict[str, Any], field: str) -> Any:
+    """The value of a field; of the held faces, also those that null stands for."""
+    return held_faces_of(block) if field == "fixed_faces" and block else block.get(field)
 
 
 def stability(evidence: Evidence) -> Claim:

@@ -1,6 +1,6 @@
 """The experiments as named, versioned lists of fully resolved scenarios.
 
-`lin100-v1`, `cur400-v1`, `young-v1` and `paper-v1`, which is the three together, are those of Perrusi et al. 2021;
+`lin100-v2`, `cur400-v2`, `young-v2` and `paper-v2`, which is the three together, are those of Perrusi et al. 2021;
 `-quick` and `-smoke` after the version are smaller forms. A version never changes its meaning: the tests pin digests.
 """
 
@@ -252,14 +252,14 @@ class _Kind:
 
 
 _KINDS = {
-    "data105-v1": _Kind(
+    "data105-v2": _Kind(
         "Training: 105 straight I-FEM insertions, noise +-0.25 mm", lambda scale, _: training_cases(scale)
     ),
-    "lin100-v1": _Kind("LIN: 100 straight test paths, target noise off and on", lin_cases),
-    "cur400-v1": _Kind("CUR: 100 end points x 4 sine overlays of 1.0 mm", cur_cases),
-    "young-v1": _Kind("LIN and CUR at a Young's modulus of 5.5 to 6.3 kPa by path", young_cases),
-    "paper-v1": _Kind("lin100-v1, cur400-v1 and young-v1 together", paper_cases),
-    "sensitivity-v1": _Kind("What the paper leaves open, moved one by one", sensitivity_cases),
+    "lin100-v2": _Kind("LIN: 100 straight test paths, target noise off and on", lin_cases),
+    "cur400-v2": _Kind("CUR: 100 end points x 4 sine overlays of 1.0 mm", cur_cases),
+    "young-v2": _Kind("LIN and CUR at a Young's modulus of 5.5 to 6.3 kPa by path", young_cases),
+    "paper-v2": _Kind("lin100-v2, cur400-v2 and young-v2 together", paper_cases),
+    "sensitivity-v2": _Kind("What the paper leaves open, moved one by one", sensitivity_cases),
 }
 _OWN_MODELS = {"baselines": 0}  # their models are not bundled: a run of `needlebench paper` trains them
 _SIZES = {

@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from simcore.scenario.scenario import Scenario
 
 ROUNDS = 3
-EDGES_MM, QUICK_EDGES_MM = (7.5, 6.0, 5.0, 4.0), (15.0, 10.0)
+EDGES_MM, QUICK_EDGES_MM = (8.0, 6.0, 5.0, 4.0), (15.0, 10.0)
 BEAMS, DTS_S = (10, 20, 40, 80), (0.01, 0.005, 0.002, 0.0012)
 DEPTHS, QUICK_DEPTHS = (0.02, 0.12), (0.004, 0.011)  # m
 WINDOW_M = 2.5e-3

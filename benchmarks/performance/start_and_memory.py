@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from simcore.scenario.scenario import Scenario
 
 WARM_ROUNDS, COLD_ROUNDS, MEMORY_ROUNDS = 7, 2, 2
-MESHES = {1617: 6.0, 5270: 4.0}  # nodes -> edge, mm
+MESHES = {1617: 6.0, 4743: 4.0}  # nodes -> edge, mm
 
 
 def start(ports: BenchPorts) -> Part:

@@ -1,186 +1,165 @@
-"""How the result depends on the discretisation: the same base poses replayed with another mesh, needle, time step,
-spacing, spread, with other fixed faces and solver tolerances.
+"""How far the default discretisation is from its limit: three meshes and three spacings, the same base poses in all.
 
-The tip alone hides locking and forces that depend on the mesh, so the force at the entry, the force on the base and
-sum |lambda| are reported with it.
+The poses are those of I-FEM on the default discretisation, made once for each path and replayed open loop: a closed
+loop would steer the error of the discretisation away and hide it. What is compared: where the tip is, at the end and
+along the path; the mean lateral force at the entry over the first 12 mm; the mean push on the base.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from benchmarks.builtin_scenarios import benchmark_scenario, with_blocks
+from benchmarks.builtin_scenarios import with_blocks
 from benchmarks.observed_run import ObservedRun, observe
-from benchmarks.studies.convergence_report import VariantRow, study_part
+from benchmarks.studies.convergence_report import PathBands, QuantityBand, band_part
+from benchmarks.studies.grid_convergence import GridBand, grid_band, size_of
 from benchmarks.studies.replayed_poses import replay_block
+from benchmarks.studies.sweeps import at_times
+from simcore.scenario.scenario import Scenario
 
 if TYPE_CHECKING:
+    from collections.abc import Sequence
+
     from benchmarks.measurements import Part
     from benchmarks.ports import BenchPorts
-    from simcore.scenario.scenario import Scenario
 
-Vector = NDArray[np.float64]
+Values = NDArray[np.float64]
 
-WIDE_SPACING_MM = 10.0  # at least the coarsest mesh size: lets the mesh vary alone
+ENTRY_DEPTH_MM = 12.0  # the entry force is compared over so much of the path
 SAMPLES_MM = 1.0
+QUANTITIES = ("tip_end_mm", "tip_path_mm", "entry_force_n", "push_n")
 
 
 @dataclass(frozen=True)
-class Sweep:
-    """One parameter. values: label, place on the axis, changes; the reference is what the others are compared with."""
+class Series:
+    """Discretisations from coarse to fine; the middle one is the default. changes: of the scenario's blocks."""
 
     name: str
-    x_label: str
-    values: tuple[tuple[str, float, dict[str, Any]], ...]
-    default: str
-    reference: str
-    log: bool = False
-    named: bool = field(default=False)
+    sizes_mm: tuple[float, float, float]
+    changes: tuple[dict[str, Any], dict[str, Any], dict[str, Any]]
 
 
-def sweeps(*, quick: bool) -> list[Sweep]:
-    """All sweeps; `quick` keeps three or four coarse values of each."""
-    h = 10.0 if quick else 6.0
-    edges = (15.0, 12.0, 10.0) if quick else (10.0, 7.5, 6.0, 5.0, 4.0)
-    wide = 15.0 if quick else WIDE_SPACING_MM
-    beams = (10, 20, 40) if quick else (10, 20, 40, 80)
-    dts = (0.01, 0.005) if quick else (0.01, 0.005, 0.002, 0.0012)
-    factors = (1.0, 1.5, 2.0) if quick else (1.0, 1.25, 1.5, 1.75, 2.0)
-    spreads = (0.0, 4.0, 8.0) if quick else (0.0, 2.0, 3.0, 4.0, 6.0, 8.0)
-    tolerances = (1e-4, 1e-5, 1e-6) if quick else (1e-3, 1e-4, 1e-5, 1e-6, 1e-7)
-    fine = f"{edges[-1]:g}"
-    return [
-        Sweep("mesh", "h, mm", _values(edges, _edge), f"{h:g}", fine),
-        Sweep("mesh_alone", f"h, mm; spacing {wide:g} mm", _values(edges, _edge, _spacing(wide)), f"{h:g}", fine),
-        Sweep("beams", "beams", _values(beams, _beams), "20", f"{beams[-1]}", log=True),
-        Sweep("dt", "dt, ms", tuple((f"{1e3 * v:g}", 1e3 * v, {"dt_s": v}) for v in dts), "10", f"{1e3 * dts[-1]:g}"),
-        Sweep("spacing", "spacing / h", tuple((f"{f:g}", f, _spacing(f * h)) for f in factors), "1", "1"),
-        Sweep("spread", "spread, mm", _values(spreads, _spread), "4", "4"),
-        Sweep("faces", "", _face_values(), "y", "y", named=True),
-        Sweep(
-            "tolerance",
-            "tolerance, N and mm",
-            _values(tolerances, _tolerance),
-            "1e-05",
-            f"{tolerances[-1]:g}",
-            log=True,
-        ),
-    ]
+@dataclass(frozen=True)
+class Discretisation:
+    """The default and what is varied around it; dt_s holds for all."""
+
+    element_size_mm: float
+    spacing_mm: float
+    dt_s: float
+    sizes_mm: tuple[float, float, float]
+    spacings_mm: tuple[float, float, float]
+
+    def series(self) -> tuple[Series, Series]:
+        """Meshes at the default spacing, and spacings on the default mesh."""
+        meshes = [{"tissue": {"element_size_mm": h}, **self._spacing(self.spacing_mm)} for h in self.sizes_mm]
+        spacings = [{"tissue": {"element_size_mm": self.element_size_mm}, **self._spacing(s)} for s in self.spacings_mm]
+        return (
+            Series("mesh", self.sizes_mm, (meshes[0], meshes[1], meshes[2])),
+            Series("spacing", self.spacings_mm, (spacings[0], spacings[1], spacings[2])),
+        )
+
+    @staticmethod
+    def _spacing(spacing_mm: float) -> dict[str, Any]:
+        return {"interaction": {"spacing_mm": spacing_mm}}
 
 
-def _values(
-    numbers: tuple[float, ...], change: Any, also: dict[str, Any] | None = None
-) -> tuple[tuple[str, float, dict[str, Any]], ...]:
-    return tuple((f"{v:g}", float(v), {**change(v), **(also or {})}) for v in numbers)
-
-
-def _edge(h: float) -> dict[str, Any]:
-    return {"tissue": {"element_size_mm": h}}
-
-
-def _beams(count: int) -> dict[str, Any]:
-    return {"needle": {"elements": count}}
-
-
-def _spacing(spacing: float) -> dict[str, Any]:
-    return {"interaction": {"spacing_mm": spacing}}
-
-
-def _spread(radius: float) -> dict[str, Any]:
-    return {"interaction": {"spread_mm": radius}}
-
-
-def _tolerance(value: float) -> dict[str, Any]:
-    return {"solver": {"force_tolerance_n": value, "violation_tolerance_mm": value}}
-
-
-def _face_values() -> tuple[tuple[str, float, dict[str, Any]], ...]:
-    sides = {
-        "y": ["y_min", "y_max"],
-        "y+z": ["y_min", "y_max", "z_max"],
-        "y+x0": ["y_min", "y_max", "x_min"],
-        "y+x": ["y_min", "y_max", "x_min", "x_max"],
-        "z": ["z_max"],
-    }
-    return tuple((name, float(i), {"tissue": {"fixed_faces": faces}}) for i, (name, faces) in enumerate(sides.items()))
+FULL = Discretisation(6.0, 3.0, 0.04, (8.0, 6.0, 4.4), (4.5, 3.0, 2.0))
+QUICK = Discretisation(10.0, 5.0, 0.04, (15.0, 10.0, 8.0), (7.5, 5.0, 3.5))
+SINE = {"kind": "sine", "amplitude_mm": 1.0}
+PATHS: dict[str, dict[str, Any]] = {
+    "line": {"kind": "line", "target_mm": [18.0, 31.0, 122.0]},
+    "sine-x": {**SINE, "target_mm": [24.0, 38.0, 110.0], "direction": [1.0, 0.0, 0.0]},
+    "sine-y": {**SINE, "target_mm": [24.0, 38.0, 110.0], "direction": [0.0, 1.0, 0.0]},
+    "steep-73+y": {**SINE, "target_mm": [24.357, 59.23, 122.0], "direction": [0.0, 1.0, 0.0]},
+}
+SUITES = {"LIN": ("line",), "CUR": ("sine-x", "sine-y", "steep-73+y")}  # whose worst band a suite carries
+QUICK_SHARE = 0.12  # of the way to the target
 
 
 def convergence(ports: BenchPorts) -> Part:
-    """The I-FEM run at the default, then all variants under its base poses."""
-    base = benchmark_scenario("sine", quick=ports.quick, changes=("recording.enabled=false",))
-    ports.say("convergence: the run whose base poses are replayed")
-    source_run = observe(base)
-    studies = sweeps(quick=ports.quick)
-    scenarios = {
-        (s.name, label): _replay(base, source_run, changes, f"{s.name} {label}")
-        for s in studies
-        for label, _, changes in s.values
+    """I-FEM once a path, then every discretisation under its base poses; bands of the default."""
+    chosen = QUICK if ports.quick else FULL
+    sources: dict[str, tuple[Scenario, ObservedRun]] = {}
+    for name in PATHS:
+        ports.say(f"convergence: I-FEM along {name}, whose base poses are replayed")
+        scenario = path_scenario(name, chosen, quick=ports.quick)
+        sources[name] = scenario, observe(scenario)
+    replays = {
+        (name, series.name, i): _replay(*sources[name], changes, f"{name} {series.name} {series.sizes_mm[i]:g}")
+        for name in PATHS
+        for series in chosen.series()
+        for i, changes in enumerate(series.changes)
     }
-    distinct = {scenario.model_dump_json(exclude={"name"}): scenario for scenario in scenarios.values()}
+    distinct = {scenario.model_dump_json(exclude={"name"}): scenario for scenario in replays.values()}
     ports.say(f"convergence: {len(distinct)} replays")
     with ports.crew(2) as crew:
-        results = dict(zip(distinct, crew.run_many(list(distinct.values())), strict=True))
-    runs = {key: results[scenario.model_dump_json(exclude={"name"})] for key, scenario in scenarios.items()}
-    speed_mm_s = base.trajectory.speed_mm_s
-    rows = [row for sweep in studies for row in _rows(sweep, runs, speed_mm_s)]
-    depth_runs = {label: runs["mesh", label] for label, _, _ in studies[0].values}
-    return study_part(base, source_run, [(s.name, s.x_label, s.log, s.named) for s in studies], rows, depth_runs)
+        found = dict(zip(distinct, crew.run_many(list(distinct.values())), strict=True))
+    runs = {key: found[scenario.model_dump_json(exclude={"name"})] for key, scenario in replays.items()}
+    bands = [
+        path_bands(name, chosen.series(), {key[1:]: run for key, run in runs.items() if key[0] == name}, scenario)
+        for name, (scenario, _) in sources.items()
+    ]
+    return band_part(chosen.dt_s, bands, SUITES)
 
 
-def _replay(base: Scenario, source_run: ObservedRun, changes: dict[str, Any], name: str) -> Scenario:
-    dt_s = changes.get("dt_s", base.dt_s)
-    poses = replay_block(source_run.series, dt_s=base.dt_s, new_dt_s=dt_s)
+def path_scenario(name: str, chosen: Discretisation, *, quick: bool) -> Scenario:
+    """The run whose poses are replayed. quick: the first part of the path."""
+    path = {"entry_mm": [18.0, 31.0, 0.0], **PATHS[name]}
+    if quick:
+        entry, target = np.array(path["entry_mm"]), np.array(path["target_mm"])
+        path["target_mm"] = (entry + QUICK_SHARE * (target - entry)).tolist()
+    return Scenario.load(
+        {
+            "name": name,
+            "dt_s": chosen.dt_s,
+            "tissue": {"element_size_mm": chosen.element_size_mm},
+            "interaction": {"spacing_mm": chosen.spacing_mm},
+            "trajectory": path,
+            "controller": {"kind": "ifem"},
+            "recording": {"enabled": False},
+        }
+    )
+
+
+def _replay(base: Scenario, source: ObservedRun, changes: dict[str, Any], name: str) -> Scenario:
+    poses = replay_block(source.series, dt_s=base.dt_s, new_dt_s=base.dt_s)
     return with_blocks(base, **changes, controller=poses, name=name)
 
 
-def _rows(sweep: Sweep, runs: dict[tuple[str, str], ObservedRun], speed_mm_s: float) -> list[VariantRow]:
-    reference = runs[sweep.name, sweep.reference]
-    return [
-        _row(sweep, label, place, runs[sweep.name, label], reference, speed_mm_s) for label, place, _ in sweep.values
-    ]
+def path_bands(
+    name: str, series: Sequence[Series], runs: dict[tuple[str, int], ObservedRun], scenario: Scenario
+) -> PathBands:
+    """Bands of every quantity along one path; the path ends where the shortest run does."""
+    end_s = min(float(run.series["t_s"][-1]) for run in runs.values())
+    speed = scenario.trajectory.speed_mm_s
+    results = {key: quantities(run, end_s, speed) for key, run in runs.items()}
+    bands = {}
+    for quantity in QUANTITIES:
+        parts: dict[str, GridBand] = {
+            s.name: grid_band([results[s.name, i][quantity] for i in range(3)], s.sizes_mm) for s in series
+        }
+        values = {(s.name, size): results[s.name, i][quantity] for s in series for i, size in enumerate(s.sizes_mm)}
+        default = results[series[0].name, 1][quantity]
+        apart = {key: size_of(value - default) for key, value in values.items()}
+        size = None if quantity.startswith("tip") else size_of(default)
+        bands[quantity] = QuantityBand(parts, apart, size)
+    statuses = {f"{key[0]} {series_of(series, key[0]).sizes_mm[key[1]]:g}": run.status for key, run in runs.items()}
+    return PathBands(name, end_s * speed, statuses, bands)
 
 
-def _row(
-    sweep: Sweep, label: str, place: float, run: ObservedRun, reference: ObservedRun, speed_mm_s: float
-) -> VariantRow:
-    end_s = min(run.series["t_s"][-1], reference.series["t_s"][-1])
-    samples = np.arange(SAMPLES_MM, end_s * speed_mm_s + 1e-9, SAMPLES_MM) / speed_mm_s
-    times = np.append(samples, end_s)
-    apart = 1e3 * np.linalg.norm(at_times(run, "tip_m", times) - at_times(reference, "tip_m", times), axis=1)
-    entry, pushed, lateral = (
-        at_times(run, name, times) for name in ("entry_force_n", "insertion_force_n", "lateral_sum_n")
-    )
-    pushed_reference = at_times(reference, "insertion_force_n", times)
-    return VariantRow(
-        sweep=sweep.name,
-        variant=label,
-        place=place,
-        default=label == sweep.default,
-        reference=label == sweep.reference,
-        status=run.status,
-        steps=int(run.metrics["steps_completed"]),
-        tip_end_mm=float(apart[-1]),
-        tip_max_mm=float(apart.max()),
-        rmse_commanded_mm=run.metrics["rmse_commanded_mm"],
-        entry_mean_n=float(entry.mean()),
-        entry_max_n=float(entry.max()),
-        push_mean_n=float(pushed.mean()),
-        push_apart_n=float(np.abs(pushed - pushed_reference).max()),
-        lateral_mean_n=float(lateral.mean()),
-        lateral_max_n=float(lateral.max()),
-        lambda_ratio=run.metrics["lambda_ratio"],
-        min_det_f=run.metrics["min_det_f"],
-        iterations=run.solver["iterations_mean"],
-    )
+def series_of(series: Sequence[Series], name: str) -> Series:
+    """The one of that name."""
+    return next(one for one in series if one.name == name)
 
 
-def at_times(run: ObservedRun, name: str, times_s: Vector) -> Vector:
-    """A series, scalar or vector, at the given times, linear between steps."""
-    known, values = run.series["t_s"], run.series[name]
-    if values.ndim == 1:
-        return np.asarray(np.interp(times_s, known, values))
-    return np.column_stack([np.interp(times_s, known, column) for column in values.T])
+def quantities(run: ObservedRun, end_s: float, speed_mm_s: float) -> dict[str, Values]:
+    """Of a run up to end_s: tip at the end (1, 3) and each millimetre (k, 3), mm; mean forces (1,), N."""
+    times = np.append(np.arange(SAMPLES_MM / speed_mm_s, end_s, SAMPLES_MM / speed_mm_s), end_s)
+    tip = 1e3 * at_times(run, "tip_m", times)
+    early = times <= ENTRY_DEPTH_MM / speed_mm_s + 1e-9
+    entry, push = at_times(run, "entry_force_n", times[early]), at_times(run, "insertion_force_n", times)
+    return dict(zip(QUANTITIES, (tip[-1:], tip, entry.mean(keepdims=True), push.mean(keepdims=True)), strict=True))

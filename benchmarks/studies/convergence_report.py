@@ -1,179 +1,178 @@
-"""The convergence study as tables, CSV and pictures."""
+"""The bands of the discretisation as a table, a picture and JSON, which suites and claims read."""
 
 from __future__ import annotations
 
-import csv
-import io
-from dataclasses import astuple, dataclass, fields
-from typing import TYPE_CHECKING
+import json
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
 
-from benchmarks.measurements import Figure, Part, Table, figure
+from benchmarks.measurements import Part, Table, figure
 from benchmarks.svg_plot import Line, Panel, svg
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
+    from collections.abc import Mapping, Sequence
 
-    from benchmarks.observed_run import ObservedRun
-    from simcore.scenario.scenario import Scenario
+    from benchmarks.studies.grid_convergence import GridBand
 
-MEASURES = (  # field of VariantRow, title, unit
-    ("tip_max_mm", "largest tip difference", "mm"),
-    ("entry_mean_n", "mean lateral force at the entry", "N"),
-    ("push_mean_n", "mean axial force on the base", "N"),
-    ("lateral_mean_n", "mean of sum |λ lateral|", "N"),
-)
+SCHEMA = "needlebench/convergence/1"
 TITLES = {
-    "mesh": "Mesh size, spacing = max(5 mm, h)",
-    "mesh_alone": "Mesh size, same spacing",
-    "beams": "Beams",
-    "dt": "Time step",
-    "spacing": "Spacing of the constraint points",
-    "spread": "Radius over which a point force is spread",
-    "faces": "Fixed faces",
-    "tolerance": "Solver tolerance",
+    "tip_end_mm": "tip at the end",
+    "tip_path_mm": "tip along the path (RMS)",
+    "entry_force_n": "mean entry force, first 12 mm",
+    "push_n": "mean push",
 }
 
 
 @dataclass(frozen=True)
-class VariantRow:
-    """One variant. Differences are to the sweep's reference at the same time; means and maxima are over the depth."""
+class QuantityBand:
+    """Of one quantity along one path. parts: by series, "mesh" and "spacing". apart: distance of each discretisation,
+    (series, size in mm), from the default. size: of the default's value where a share of it makes sense."""
 
-    sweep: str
-    variant: str
-    place: float
-    default: bool
-    reference: bool
-    status: str
-    steps: int
-    tip_end_mm: float
-    tip_max_mm: float
-    rmse_commanded_mm: float | None
-    entry_mean_n: float
-    entry_max_n: float
-    push_mean_n: float
-    push_apart_n: float
-    lateral_mean_n: float
-    lateral_max_n: float
-    lambda_ratio: float | None
-    min_det_f: float | None
-    iterations: float
+    parts: Mapping[str, GridBand]
+    apart: Mapping[tuple[str, float], float]
+    size: float | None
+
+    @property
+    def default(self) -> float:
+        """Of the default from the limit: mesh and spacing added up."""
+        return sum(part.default for part in self.parts.values())
+
+    def as_json(self) -> dict[str, Any]:
+        """With the orders that were observed, null where there was none."""
+        return {
+            "band": _short(self.default),
+            "share": None if not self.size else _short(self.default / self.size),
+            "value": None if self.size is None else _short(self.size),
+            "parts": {
+                name: {
+                    "order": None if part.order is None else _short(part.order),
+                    "swings": part.swings,
+                    "finest": _short(part.finest),
+                    "default": _short(part.default),
+                }
+                for name, part in self.parts.items()
+            },
+            "apart": {f"{name} {size:g}": _short(value) for (name, size), value in self.apart.items()},
+        }
 
 
-def study_part(
-    base: Scenario,
-    source_run: ObservedRun,
-    sweeps: Sequence[tuple[str, str, bool, bool]],
-    rows: list[VariantRow],
-    depth_runs: dict[str, ObservedRun],
-) -> Part:
-    """Everything that is written. sweeps: name, label of the axis, logarithmic, named values."""
-    tables = [_table(name, [row for row in rows if row.sweep == name]) for name, *_ in sweeps]
-    files = {
-        "convergence.md": _markdown(base, source_run, tables),
-        "convergence.csv": _csv(rows),
-        "convergence.svg": _picture(sweeps, rows),
-        "convergence_depth.svg": _depth_picture(base, depth_runs),
+@dataclass(frozen=True)
+class PathBands:
+    """Of one path, up to a depth that all discretisations reach. statuses: of their runs."""
+
+    name: str
+    depth_mm: float
+    statuses: Mapping[str, str]
+    bands: Mapping[str, QuantityBand]
+
+
+def band_part(dt_s: float, paths: Sequence[PathBands], suites: Mapping[str, Sequence[str]]) -> Part:
+    """Everything that is written. suites: the paths whose worst band each carries."""
+    table = _table(paths)
+    worst = suite_bands(paths, suites)
+    document = {
+        "schema": SCHEMA,
+        "dt_s": dt_s,
+        "band_mm": max(bands["tip_path_mm"] for bands in worst.values()),
+        "suites": worst,
+        "paths": {
+            path.name: {
+                "depth_mm": path.depth_mm,
+                "statuses": dict(path.statuses),
+                "quantities": {name: band.as_json() for name, band in path.bands.items()},
+            }
+            for path in paths
+        },
     }
-    return Part(tuple(_figure(name, rows) for name, *_ in sweeps), tuple(tables), files)
+    files = {
+        "convergence.json": json.dumps(document, indent=1, allow_nan=False) + "\n",
+        "convergence.md": _markdown(dt_s, table, worst),
+        "convergence.svg": _picture(paths),
+    }
+    figures = tuple(figure(f"convergence.{s}.tip_path_mm", "mm", [bands["tip_path_mm"]]) for s, bands in worst.items())
+    return Part(figures, (table,), files)
 
 
-def _figure(name: str, rows: list[VariantRow]) -> Figure:
-    """Largest tip difference: of the default from the finest; where the default is the reference, of any variant."""
-    mine = [row for row in rows if row.sweep == name]
-    default = next(row for row in mine if row.default)
-    if default.reference or name == "tolerance":
-        return figure(f"convergence.{name}.tip_mm", "mm", [max(row.tip_max_mm for row in mine)], note="of any variant")
-    return figure(f"convergence.{name}.tip_mm", "mm", [default.tip_max_mm], note="default from the finest")
+def suite_bands(paths: Sequence[PathBands], suites: Mapping[str, Sequence[str]]) -> dict[str, dict[str, float]]:
+    """By suite and quantity the widest band of its paths; of forces the share of their value."""
+    by_name = {path.name: path for path in paths}
+    return {
+        suite: {
+            quantity.replace("_n", "_share"): max(_claimed(by_name[name].bands[quantity]) for name in names)
+            for quantity in TITLES
+        }
+        for suite, names in suites.items()
+    }
 
 
-def _table(name: str, rows: list[VariantRow]) -> Table:
-    columns = (
-        "variant", "status", "tip end mm", "tip max mm", "entry mean N", "entry max N", "push mean N", "push diff N",
-        "sum λ mean N", "sum λ max N", "λ ratio", "min det F", "iterations",
-    )  # fmt: skip
-    return Table(
-        TITLES[name],
-        columns,
-        tuple(
-            (
-                _label(row), row.status, row.tip_end_mm, row.tip_max_mm, row.entry_mean_n, row.entry_max_n,
-                row.push_mean_n, row.push_apart_n, row.lateral_mean_n, row.lateral_max_n, row.lambda_ratio,
-                row.min_det_f, row.iterations,
-            )
-            for row in rows
-        ),
-    )  # fmt: skip
+def _claimed(band: QuantityBand) -> float:
+    return _short(band.default if not band.size else band.default / band.size)
 
 
-def _label(row: VariantRow) -> str:
-    marks = [mark for mark, on in (("default", row.default), ("reference", row.reference)) if on]
-    return f"{row.variant} ({', '.join(marks)})" if marks else row.variant
+def _short(value: float) -> float:
+    return float(f"{value:.3g}")
 
 
-def _markdown(base: Scenario, source_run: ObservedRun, tables: list[Table]) -> str:
-    rmse = source_run.metrics["rmse_commanded_mm"]
-    head = [
-        "# Convergence",
-        "",
-        f"Base poses of an I-FEM run along `{base.name}` with the default discretisation ("
-        f"{source_run.metrics['steps']} steps, {source_run.status}, RMSE {'-' if rmse is None else f'{rmse:.3f}'} mm),"
-        " replayed in every variant; at another time step they are interpolated. Tip and push differences are to the"
-        " variant marked as reference, at the same"
-        " time. Entry: lateral force at the constraint point nearest to the entry. Push: axial force of the robot on"
-        " the base. λ: lateral constraint forces; their ratio is sum |λ| / |sum λ|, large where neighbouring points"
-        " fight each other. Means and maxima are over the insertion, sampled every millimetre. Fixed faces: y = both"
-        " faces across y, x = both across x, x0 = x_min alone, z = the back.",
-        "",
-        "![differences over each parameter](convergence.svg)",
-        "",
-        "![forces over depth for each mesh](convergence_depth.svg)",
-        "",
-    ]
-    return "\n".join(head) + "\n".join(f"\n## {table.title}\n\n{table.markdown()}" for table in tables)
-
-
-def _csv(rows: list[VariantRow]) -> str:
-    text = io.StringIO()
-    writer = csv.writer(text, lineterminator="\n")
-    writer.writerow([field.name for field in fields(VariantRow)])
-    writer.writerows(astuple(row) for row in rows)
-    return text.getvalue()
-
-
-def _picture(sweeps: Sequence[tuple[str, str, bool, bool]], rows: list[VariantRow]) -> str:
-    """A row of panels for each sweep, a column for each measure."""
-    grid = []
-    for name, x_label, log, named in sweeps:
-        mine = [row for row in rows if row.sweep == name]
-        names = tuple(row.variant for row in mine) if named else ()
-        grid.append(
-            [
-                Panel(
-                    TITLES[name] if column == 0 else title,
-                    x_label,
-                    f"{title}, {unit}" if column == 0 else unit,
-                    (Line("", [row.place for row in mine], [getattr(row, measure) for row in mine]),),
-                    x_log=log,
-                    y_zero=True,
-                    x_names=names,
+def _table(paths: Sequence[PathBands]) -> Table:
+    rows = []
+    for path in paths:
+        for quantity, band in path.bands.items():
+            mesh, spacing = band.parts["mesh"], band.parts["spacing"]
+            share = 100.0 * band.default / band.size if band.size else None
+            rows.append(
+                (
+                    path.name, TITLES[quantity], quantity.rsplit("_", 1)[1].upper().replace("MM", "mm"), band.size,
+                    _order(mesh), mesh.default, _order(spacing), spacing.default, band.default, share,
                 )
-                for column, (measure, title, unit) in enumerate(MEASURES)
-            ]
-        )
-    return svg(grid, title="The same base poses, another discretisation", width=1280, height=250)
+            )  # fmt: skip
+    columns = (
+        "path", "quantity", "unit", "value", "order h", "band h", "order spacing", "band spacing", "band", "%",
+    )  # fmt: skip
+    return Table("Bands of the default discretisation", columns, tuple(rows))
 
 
-def _depth_picture(base: Scenario, runs: dict[str, ObservedRun]) -> str:
-    speed = base.trajectory.speed_mm_s
-    panels = []
-    for name, title in (
-        ("insertion_force_n", "Axial force on the base"),
-        ("entry_force_n", "Lateral force at the entry"),
-        ("lateral_sum_n", "sum |λ lateral|"),
-    ):
-        lines = [
-            Line(f"h = {label} mm", (speed * run.series["t_s"]).tolist(), run.series[name].tolist(), markers=False)
-            for label, run in runs.items()
+def _order(part: GridBand) -> str:
+    if part.swings:
+        return "swings"
+    return "-" if part.order is None else f"{part.order:.2f}"
+
+
+def _markdown(dt_s: float, table: Table, worst: Mapping[str, Mapping[str, float]]) -> str:
+    columns = next(iter(worst.values())).keys()
+    suites = Table("", ("suite", *columns), tuple((name, *bands.values()) for name, bands in worst.items()))
+    return "\n".join(
+        [
+            "# Convergence",
+            "",
+            "Base poses of I-FEM on the default discretisation, replayed open loop in three meshes and three spacings, "
+            f"steps of {1e3 * dt_s:g} ms. Band: how far the default may be from the limit, the change to the finest"
+            " plus Roache's grid convergence index of the finest, mesh and spacing added up. Where the results swing,"
+            " the largest difference between any two; an observed order outside 0.5 to 2 is not believed: order 1,"
+            " safety factor 3.",
+            "",
+            "![differences from the default](convergence.svg)",
+            "",
+            f"## {table.title}",
+            "",
+            table.markdown(),
+            "## What a suite carries: the widest band of its paths",
+            "",
+            suites.markdown(),
         ]
-        panels.append(Panel(title, "commanded depth, mm", "N", tuple(lines)))
-    return svg([panels], title="Forces over depth for each mesh size", width=1280, height=360)
+    )
+
+
+def _picture(paths: Sequence[PathBands]) -> str:
+    """A row for mesh and spacing each, a column for each quantity: distance from the default over the size."""
+    grid = []
+    for series, label in (("mesh", "h, mm"), ("spacing", "spacing, mm")):
+        row = []
+        for quantity, title in TITLES.items():
+            lines = []
+            for path in paths:
+                apart = {size: value for (name, size), value in path.bands[quantity].apart.items() if name == series}
+                lines.append(Line(path.name, list(apart), list(apart.values())))
+            unit = "mm" if quantity.endswith("mm") else "N"
+            row.append(Panel(title, label, f"from the default, {unit}", tuple(lines), y_zero=True))
+        grid.append(row)
+    return svg(grid, title="The same base poses, another discretisation", width=1280, height=280)

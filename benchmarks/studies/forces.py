@@ -40,6 +40,7 @@ SPEED_MM_S = 10.0
 DEPTH_MM, QUICK_DEPTH_MM = 100.0, 20.0
 HOLD_S = 1.0
 BEYOND_MM = 5.0  # pulled back so far out of the entry
+CLOSED_SKIN_N = 0.1  # puncture force of this study; by default the skin is nicked and there is no puncture to see
 LIVER_NOTE = """
 Bovine liver: mean and standard deviation after Okamura, Simone and O'Leary 2004 (IEEE Trans. Biomed. Eng. 51(10),
 1707-1716), ex vivo, bevel-tip needle of 1.27 mm; puncture and cutting at 3 mm/s, friction from their kinetic
@@ -95,7 +96,8 @@ def forces(ports: BenchPorts) -> Part:
 
 
 def push_hold_pull(base: Scenario, depth_mm: float, *, edge_mm: float) -> Scenario:
-    """Straight along z in the middle of the block at 10 mm/s: in, a second's rest, out and beyond."""
+    """Straight along z in the middle of the block at 10 mm/s, through a closed skin: in, a second's rest, out and
+    beyond."""
     step = SPEED_MM_S * base.dt_s
     travel = [
         *np.arange(step, depth_mm + 1e-9, step),
@@ -109,6 +111,7 @@ def push_hold_pull(base: Scenario, depth_mm: float, *, edge_mm: float) -> Scenar
         base,
         name="push, hold, pull",
         tissue={"element_size_mm": edge_mm},
+        interaction={"puncture_n": CLOSED_SKIN_N},
         trajectory={"target_mm": [x, y, depth_mm], "speed_mm_s": SPEED_MM_S},
         controller={"kind": "replay", "poses": poses},
         recording={"enabled": False},

@@ -10,6 +10,7 @@ from pydantic import BaseModel
 from page_tables.markdown import table
 from simcore.errors import STATUSES
 from simcore.metric_definitions import METRICS, SERIES
+from simcore.rollout.digest import DIGESTED
 from simcore.scenario.parameters import Parameter, parameters
 from simcore.scenario.scenario import Scenario
 
@@ -87,9 +88,16 @@ def metric_table(block: str) -> str:
 def series_table() -> str:
     """The arrays of series.npz."""
     return table(
-        ("array", "unit", "shape", "what it is"),
-        ((f"`{array.name}`", array.unit, " × ".join(array.shape), array.definition) for array in SERIES),
+        ("array", "unit", "shape", "what it is", "digested"),
+        (
+            (f"`{array.name}`", array.unit, " × ".join(array.shape), array.definition, _digested(array.name))
+            for array in SERIES
+        ),
     )
+
+
+def _digested(name: str) -> str:
+    return "yes" if name in DIGESTED else "its last frame" if name == "tissue_m" else ""
 
 
 def status_table() -> str:

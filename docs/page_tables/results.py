@@ -208,7 +208,7 @@ def builtin_scenarios() -> str:
     return table(("path", "controller", *(head for head, _, _ in columns)), rows, numbers=range(2, 2 + len(columns)))
 
 
-# ---- the convergence study
+# ---- the sweeps
 
 _COMPARED = (
     ("h = 6 mm (default)", "mesh", "6", "h = 4 mm", "4"),
@@ -223,7 +223,7 @@ _COMPARED = (
 
 def discretisation() -> str:
     """What one change of the discretisation does to the tip and the forces."""
-    found = {(row["sweep"], row["variant"]): row for row in _csv("convergence/convergence.csv")}
+    found = {(row["sweep"], row["variant"]): row for row in _csv("sweeps/sweeps.csv")}
     rows = []
     for label, sweep, variant, against, reference in _COMPARED:
         here, there = found[sweep, variant], found[sweep, reference]

@@ -35,7 +35,7 @@ class CampaignRequest(BaseModel):
         extra="forbid",
         json_schema_extra={
             "examples": [
-                {"suite": "lin100-v1-smoke"},
+                {"suite": "lin100-v2-smoke"},
                 {
                     "name": "gain and stiffness",
                     "scenario": "line",

@@ -16,7 +16,7 @@ _METRICS = {
     "max_commanded_mm": 0.007,
 }
 _STEPS = "gives 244000 steps, at most 200000 are allowed here"
-_SUITE = {"name": "lin100-v1-quick", "suite": "lin100-v1-quick", "suite_sha256": _SHA256}
+_SUITE = {"name": "lin100-v2-quick", "suite": "lin100-v2-quick", "suite_sha256": _SHA256}
 
 JOB: dict[str, Any] = {
     "id": _JOB,
@@ -96,7 +96,7 @@ EXAMPLES: dict[str, dict[str, Any]] = {
         **_SUITE,
         "state": "running",
         "cancelling": False,
-        "request": {"suite": "lin100-v1-quick"},
+        "request": {"suite": "lin100-v2-quick"},
         "cases": 140,
         "jobs": {"finished": 70, "running": 2, "queued": 68},
         "fraction": 0.5,
@@ -123,7 +123,7 @@ EXAMPLES: dict[str, dict[str, Any]] = {
         "catchup": "latest",
         "overlap": "forbid",
         "enabled": True,
-        "campaign": {"suite": "lin100-v1-quick"},
+        "campaign": {"suite": "lin100-v2-quick"},
         "next_run_at": "2026-11-30T01:00:00Z",
         "created_at": "2026-11-29T02:00:00Z",
         "version": 1,

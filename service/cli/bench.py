@@ -68,16 +68,16 @@ def bench(
 ) -> None:
     """Measure how fast the simulator is, what it costs and what its results owe to the discretisation.
 
-    Without a NAME everything that measures time or memory is run; `convergence` and `forces` are studies and are run
-    when they are named. Times are also given in L0, a frozen unit measured in the same run: one back-solve of SciPy's
-    SuperLU and one pass of a plain force loop. Measure on a machine that does nothing else.
+    Without a NAME everything that measures time or memory is run; `convergence`, `sweeps` and `forces` are studies and
+    are run when they are named. Times are also given in L0, a frozen unit measured in the same run: one back-solve of
+    SciPy's SuperLU and one pass of a plain force loop. Measure on a machine that does nothing else.
 
     \b
     What there is:             needlebench bench --list
     All timings, stored:       needlebench bench --json after.json
     Two of them:               needlebench bench step recording
     What changed:              needlebench bench --compare before.json after.json
-    The convergence study:     needlebench bench convergence --out results/convergence
+    Bands of the default mesh: needlebench bench convergence --out results/convergence
     Only whether it works:     needlebench bench micro --quick
     Did my change cost time:   git worktree add ../before main
                                needlebench bench --checkouts ../before .

@@ -52,10 +52,10 @@ def campaign() -> None:
 
     \b
     The named suites:         needlebench campaign suites
-    What one would cost:      needlebench campaign run lin100-v1-quick --dry-run
-    Run it, with a report:    needlebench campaign run lin100-v1-quick --report report.html
+    What one would cost:      needlebench campaign run lin100-v2-quick --dry-run
+    Run it, with a report:    needlebench campaign run lin100-v2-quick --report report.html
     A grid of your own:       needlebench campaign run --scenario line --grid controller.gain=0.5,1 --grid seed=0,1,2
-    In a nightly job:         needlebench campaign run lin100-v1-quick --fail-on-regression
+    In a nightly job:         needlebench campaign run lin100-v2-quick --fail-on-regression
     """
 
 
@@ -103,10 +103,10 @@ def run(
     earlier runs in that folder: accuracy by digests and paired tests, time against the same machine.
 
     \b
-    A suite, with a report:   needlebench campaign run lin100-v1-quick --report report.html
-    What it would cost:       needlebench campaign run lin100-v1 --dry-run
+    A suite, with a report:   needlebench campaign run lin100-v2-quick --report report.html
+    What it would cost:       needlebench campaign run lin100-v2 --dry-run
     A grid, with a trend:     needlebench campaign run --scenario line --grid tissue.young_kpa=3,6.3 --name stiffness
-    By cron or in CI:         needlebench campaign run lin100-v1-quick --fail-on-regression --csv table.csv
+    By cron or in CI:         needlebench campaign run lin100-v2-quick --fail-on-regression --csv table.csv
 
     \b
     Exit code: 0 done; 1 a regression (with --fail-on-regression), or jobs without a result
@@ -170,7 +170,7 @@ def list_(suite: str | None, limit: int, as_json: bool, url: str | None) -> None
 
     \b
     The latest ones:          needlebench campaign list
-    Of one suite, as JSON:    needlebench campaign list --suite lin100-v1-quick --limit 100 --json
+    Of one suite, as JSON:    needlebench campaign list --suite lin100-v2-quick --limit 100 --json
     """
     with service_client(url) as client:
         for one in list(client.campaigns(suite=suite, limit=limit)):
@@ -248,7 +248,7 @@ def trend(suite: str, as_json: bool, url: str | None) -> None:
     """Show a suite over commits and dates, regressions marked.
 
     \b
-    Of a suite:               needlebench campaign trend lin100-v1-quick
+    Of a suite:               needlebench campaign trend lin100-v2-quick
     Of a grid, by its name:   needlebench campaign trend stiffness --json
     """
     with service_client(url) as client:

@@ -19,7 +19,7 @@ WITHOUT_SUCCESS = 3
 def scenario(name: str | None, fields: bool) -> None:
     """List the built-in scenarios, or print the one called NAME as JSON with every field and its value.
 
-    A value of null is derived from other fields, as the spacing of the constraint points follows the element size.
+    A value of null is derived from other fields, as the spacing of the constraint points is.
 
     \b
     The built-in ones:            needlebench scenario

@@ -23,7 +23,7 @@ def schedule() -> None:
     """Run campaigns at set times, such as every night.
 
     \b
-    Every night at two:       needlebench schedule add nightly "0 2 * * *" lin100-v1-quick --timezone Europe/Paris
+    Every night at two:       needlebench schedule add nightly "0 2 * * *" lin100-v2-quick --timezone Europe/Paris
     All schedules:            needlebench schedule list
     The runs of one:          needlebench schedule runs nightly
     """
@@ -46,7 +46,7 @@ def add(
     """Run a suite or a grid at the times that CRON gives (minute hour day month weekday).
 
     \b
-    Every night at two:       needlebench schedule add nightly "0 2 * * *" lin100-v1-quick --timezone Europe/Paris
+    Every night at two:       needlebench schedule add nightly "0 2 * * *" lin100-v2-quick --timezone Europe/Paris
     Mondays, a grid:          needlebench schedule add gains "0 6 * * 1" --scenario line --grid controller.gain=0.5,1
     """
     rules = {"timezone": timezone, "catchup": catchup, "overlap": overlap}

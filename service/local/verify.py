@@ -145,11 +145,11 @@ def compare(result: Mapping[str, Any], series: Arrays | None, again: Rollout) ->
 
 
 def first_difference(before: Arrays, now: Arrays) -> Difference | None:
-    """The first row in which an array that has one row a step differs, the tip's path before others of that row."""
-    from simcore.rollout.result import UNDIGESTED
+    """The first row in which a digested array of one row a step differs, the tip's path before others of that row."""
+    from simcore.rollout.digest import DIGESTED
 
     found = []
-    for name in sorted(before.keys() & now.keys() - set(UNDIGESTED), key=lambda name: (name != "tip_m", name)):
+    for name in sorted(before.keys() & now.keys() & set(DIGESTED), key=lambda name: (name != "tip_m", name)):
         difference = _in_array(name, before[name], now[name])
         if difference is not None:
             found.append(difference)

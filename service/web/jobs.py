@@ -21,8 +21,8 @@ from service.store.models import UnknownModelError
 from service.store.paging import read_page
 from service.web.form import scenario_form
 from service.web.site import missing, page
+from simcore.scenario.point_rules import without_derived
 from simcore.scenario.presets import preset, preset_names
-from simcore.scenario.rules import without_derived
 
 router = APIRouter(include_in_schema=False)
 

@@ -59,25 +59,33 @@ class ConstraintPoints(NamedTuple):
     compliance: Floats
 
 
+class Sticking(NamedTuple):
+    """Modes (a,) of the active elements, breakpoints (a, k) m of their staircases; whether shaft points are hard."""
+
+    mode: Ints
+    breaks: Floats
+    hard: bool
+
+
 @kernel
 def constraint_geometry(
     contact: bool,
-    hard: bool,
     elements: Ints,
     balls: Balls,
     tissue: TissueShape,
     shaft: Shaft,
-    mode: Ints,
-    breaks: Floats,
+    sticking: Sticking,
     out: ConstraintPoints,
 ) -> None:
     """Write the points of the active elements.
 
     Sticking elements keep the arc length of their breakpoint where they are hard, as X_c is; all others are projected
-    onto the shaft. The frame of a surface contact stays as it is, inward normal last, and its arc length is L + gap along the normal.
+    onto the shaft. The frame of a surface contact stays as it is, inward normal last, and its arc length is L + gap
+    along the normal.
     """
     rest, nodes, weights, touched = balls
     needle_x, needle_R, element_length = shaft
+    mode, breaks, hard = sticking
     arc, speed, frames, gap, beams, columns, places, _ = out
     length = element_length * (len(needle_x) - 1)
     for i in range(len(elements)):

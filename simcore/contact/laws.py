@@ -21,6 +21,7 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 
 from simcore.compiled import kernel
+from simcore.contact.line import free_rows
 
 if TYPE_CHECKING:
     from simcore.arrays import Flags, Floats, Ints
@@ -199,11 +200,7 @@ def system_rows(
             if lateral > 0.0:
                 for c in range(2):
                     matrix[row, 3 * i + c] = -scale * sign[i, k] * friction * around[i, c] / lateral
-        if law.free[i]:
-            for row in range(3 * i, 3 * i + 2):
-                matrix[row, :] = 0.0
-                matrix[row, row] = w[row, row]
-                right[row] = 0.0
+    free_rows(law.free, w, matrix, right)
     if sliding:
         for c in range(2):
             scale = w[c, c]

@@ -1,4 +1,4 @@
-"""The coupling of a thin needle and the tissue along a line: how far the needle moves in a tissue that cannot resolve it.
+"""The coupling of a thin needle and tissue along a line: how far the needle moves in a tissue that cannot resolve it.
 
 The tissue meets the needle through balls that are wider than the needle, in a mesh that is coarser still. What it would
 give way more around the needle itself is a compliance G of the line: a line load q (N/m) across the needle moves it by
@@ -17,20 +17,20 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 
 from simcore.compiled import kernel
+from simcore.contact.line_radius import LINE_RADIUS_OF_BALL
 
 if TYPE_CHECKING:
     from simcore.arrays import Flags, Floats, Ints
     from simcore.contact.kernels import ConstraintPoints
 
-LINE_RADIUS_OF_BALL = 0.5119  # b / rho: a line of balls of radius rho gives way like a cylinder of this radius
 SHORTEST_M = 1e-6  # a point that stands for less is as good as free
 
 
 class LineCoupling(NamedTuple):
-    """What a run never changes. hard: shaft points lie on the shaft exactly, G = 0. compliance_m2_per_n: (3, 3) G, world.
-    free_tip: no lateral row at X_c. entry_m: length over which the entry holds a needle whose tip is hardly in, its
-    diameter: a bevel is no shorter. force_share_m_per_n: violation per force of the tolerances; a compliant row is kept
-    to either."""
+    """What a run never changes. hard: shaft points lie on the shaft exactly, G = 0. compliance_m2_per_n: (3, 3) G,
+    world. free_tip: no lateral row at X_c. entry_m: length over which the entry holds a needle whose tip is hardly in,
+    its diameter: a bevel is no shorter. force_share_m_per_n: violation per force of the tolerances; a compliant row is
+    kept to either."""
 
     hard: bool
     compliance_m2_per_n: Floats
@@ -42,8 +42,8 @@ class LineCoupling(NamedTuple):
 def cylinder_compliance(
     *, shear_pa: float, poisson: float, needle_radius_m: float, ball_radius_m: float
 ) -> tuple[float, float]:
-    """(A, 1 / (2 pi G)) ln(b / a) in m2/N: the deflection across and along a bonded rigid cylinder, per line load, beyond
-    that of its line of balls.
+    """(A, 1 / (2 pi G)) ln(b / a) in m2/N: the deflection across and along a bonded rigid cylinder, per line load,
+    beyond that of its line of balls.
 
     Kelvin's solutions of a line load q: across, in plane strain, u = A q (-ln r + ...), A = (3 - 4 nu) / (8 pi G
     (1 - nu)), along it u = -q ln r / (2 pi G); a the needle's radius. b is where a line of balls with the kernel of
@@ -59,6 +59,17 @@ def free_points(elements: Ints, *, contact: bool, free_tip: bool) -> Flags:
     """(a,) whether each active element bears no lateral force: X_c under a free tip."""
     free: Flags = (elements == 0) & (free_tip and not contact)
     return free
+
+
+@kernel
+def free_rows(free: Flags, w: Floats, matrix: Floats, right: Floats) -> None:
+    """Write the two lateral equations of each element (a,) that is free: it has no lateral force."""
+    for i in range(len(free)):
+        if free[i]:
+            for row in range(3 * i, 3 * i + 2):
+                matrix[row, :] = 0.0
+                matrix[row, row] = w[row, row]
+                right[row] = 0.0
 
 
 @kernel

@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import hashlib
 import json
+import os
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -62,7 +63,8 @@ def _computed(tissue: TissueModel, channel: ChannelModel, entry_m: Floats, file:
     """Mu times the result: (3, 3), without a unit. A folder that cannot be written only costs time."""
     found = _rounded(deficit_along(tissue, channel, line_of_balls(channel, tissue, entry_m)) * tissue.mu_pa)
     try:
-        partial = file.with_suffix(f".{id(found)}.partial")
+        file.parent.mkdir(parents=True, exist_ok=True)
+        partial = file.with_suffix(f".{os.getpid()}-{id(found)}.partial")
         partial.write_text(json.dumps(found.tolist()), encoding="ascii")
         partial.replace(file)
     except OSError:

@@ -7,7 +7,8 @@ Linear in the changes of the constraint forces dF (a, 3) N, world, of the arc le
     gap          dp - C dq - c' ds = 0                                               ds = 0 while it sticks
     friction     d(F . tau) = sign (tau0 dl + mu d|F - (F . tau) tau|)               tau = c' / |c'|
 
-after Duriez et al. 2009 and our laws (see `contact.laws`), and what the line's coupling adds (`line_tangent`). The needle is eliminated by its block tridiagonal factor.
+after Duriez et al. 2009 and our laws (see `contact.laws`), and what the line's coupling adds (`line_tangent`). The
+needle is eliminated by its block tridiagonal factor.
 """
 
 from __future__ import annotations

@@ -1,8 +1,8 @@
 """The part of the exact linearisation that belongs to the coupling along the needle's line (see `contact.line`).
 
-A shaft point obeys g + L F = 0 with L = P G P / l, P = I - tau tau^T, g = p - c(s) and F the force on the tissue, world;
-it is in contact at s + C F_tau / |c'| with C = tau G tau / l. All of it changes with dF, ds, with the shaft's turn and
-with the tributary length l. A free tip keeps P F = 0 in place of its lateral gap.
+A shaft point obeys g + L F = 0 with L = P G P / l, P = I - tau tau^T, g = p - c(s) and F the force on the tissue,
+world; it is in contact at s + C F_tau / |c'| with C = tau G tau / l. All of it changes with dF, ds, with the shaft's
+turn and with the tributary length l. A free tip keeps P F = 0 in place of its lateral gap.
 """
 
 from __future__ import annotations

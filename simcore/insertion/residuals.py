@@ -15,6 +15,7 @@ from simcore.contact.kernels import (
     ConstraintPoints,
     Inertia,
     Motion,
+    Sticking,
     TissueShape,
     add_needle_forces,
     constraint_geometry,
@@ -129,8 +130,8 @@ def locate_constraints(
     contact, elements, stair, _, balls, depth, active, count = constraints
     shaft, points, mode, adhesion, arcs, _ = unknowns
     tissue, length = TissueShape(x, constants.x_rest), constants.needle_length_m
-    hard = constants.line.hard
-    constraint_geometry(contact, hard, elements, balls, tissue, shaft, mode, stair.breaks, points)
+    sticking = Sticking(mode, stair.breaks, constants.line.hard)
+    constraint_geometry(contact, elements, balls, tissue, shaft, sticking, points)
     if contact:
         return 0.0
     for i in range(len(elements)):

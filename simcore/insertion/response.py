@@ -29,18 +29,14 @@ def linear_response(
     active: ActiveSet, points: ConstraintPoints, beams: BeamForces, between_m_per_n: Floats
 ) -> NeedleResponse:
     """Of the needle at its tangent `beams`, and of the tissue by its compliance (3P, 3P) between all elements."""
-    where = (points.beams, points.columns, points.frames, points.compliance)
-    w, moves, *factor = responses(active.elements, *where, beams.diag, beams.upper, beams.lower, between_m_per_n)
+    w, moves, *factor = responses(active.elements, points, beams.diag, beams.upper, beams.lower, between_m_per_n)
     return NeedleResponse(w, moves, (factor[0], factor[1]))
 
 
 @kernel
 def responses(
     elements: Ints,
-    beams: Ints,
-    columns: Floats,
-    frames: Floats,
-    line: Floats,
+    points: ConstraintPoints,
     diag: Floats,
     upper: Floats,
     lower: Floats,
@@ -50,9 +46,9 @@ def responses(
     a, n = len(elements), len(upper)
     inverses, multipliers = factor_blocks(diag[1:], upper[1:], lower[1:])
     moves = np.empty((n, 6, 3 * a))
-    needle_right_sides(beams, columns, moves)
+    needle_right_sides(points.beams, points.columns, moves)
     solve_blocks(inverses, multipliers, upper[1:], moves)
     shaft, w = np.empty((a, 3, 3 * a)), np.empty((3 * a, 3 * a))
-    moved_shaft(beams, columns, np.zeros((6, 3 * a)), moves, shaft)
-    local_compliance(elements, between, shaft, frames, line, w)
+    moved_shaft(points.beams, points.columns, np.zeros((6, 3 * a)), moves, shaft)
+    local_compliance(elements, between, shaft, points.frames, points.compliance, w)
     return w, moves, inverses, multipliers

@@ -88,8 +88,9 @@ def _stiffness_of_tension(model: CoupledModel, solved: SolvedStep) -> Floats:
 
 
 def _held_rows(solved: SolvedStep) -> tuple[Floats, Floats]:
-    """(r, 6n) how the held directions of the constraint points move with the needle, and the tissue's compliance
-    (r, r) m/N in them: across the shaft, along it too where a point sticks; in the surface unless the tip slides."""
+    """(r, 6n) how the held directions of the constraint points move with the needle, and the compliance of tissue and
+    line (r, r) m/N in them: across the shaft, along it too where a point sticks; in the surface unless the tip
+    slips."""
     at, active = solved.at, solved.active
     points, a, n = at.points, len(active.elements), len(solved.beams.upper)
     moves = np.zeros((a, 3, NODE * (n + 1)))
@@ -98,11 +99,13 @@ def _held_rows(solved: SolvedStep) -> tuple[Floats, Floats]:
         moves[i, :, first : first + 2 * NODE] = points.frames[i] @ points.columns[i]
     keep = np.ones((a, 3), bool)
     keep[:, 2] = at.mode % 2 == 1
+    keep[active.free, :2] = False
     if active.contact and at.slide.any():
         keep[:, :2] = False
     between = solved.between_m_per_n.reshape(-1, 3, solved.between_m_per_n.shape[1] // 3, 3)
     world = between[active.elements][:, :, active.elements]
     local = np.einsum("iab,ibjc,jdc->iajd", points.frames, world, points.frames)
+    local[np.arange(a), :, np.arange(a), :] += points.compliance
     kept = keep.ravel()
     compliance: Floats = local.reshape(3 * a, 3 * a)[np.ix_(kept, kept)]
     return moves.reshape(3 * a, -1)[kept, NODE:], compliance

@@ -1,16 +1,13 @@
-"""The result of a run, and the digest that says whether two runs did the same to the bit."""
+"""The result of a run."""
 
 from __future__ import annotations
 
-import hashlib
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
-import numpy as np
-
 from simcore.provenance import provenance
-from simcore.rollout.authority import AUTHORITY
 from simcore.rollout.cautions import run_warnings
+from simcore.rollout.digest import digest
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -21,7 +18,6 @@ if TYPE_CHECKING:
 TIMES = ("plant_s", "jacobian_s", "command_s", "recording_s")  # clock readings of a step, s
 FRAMES = ("tissue_m", "tissue_frame_step")  # kept tissue states and their steps
 DERIVED = ("min_det_f_at_m", "max_strain", "entry_drag_m", "needle_stress_pa")  # from the states of both bodies
-UNDIGESTED = (*TIMES, *FRAMES, *AUTHORITY, *DERIVED)  # clock readings, frames but the last, what is derived
 
 
 @dataclass(frozen=True)
@@ -43,7 +39,7 @@ class Rollout:
 
     @property
     def digest(self) -> str:
-        """SHA-256 over the state series and the last tissue positions, names and shapes included; timings left out."""
+        """SHA-256 over the states, see `simcore.rollout.digest`."""
         return digest(self.series)
 
     @property
@@ -75,15 +71,3 @@ class Rollout:
             "warnings": [*self.scenario.warnings(), *self.warnings],
             "provenance": provenance(self.scenario.resolved()),
         }
-
-
-def digest(series: dict[str, NDArray[Any]]) -> str:
-    """SHA-256 of a series' state arrays in the order of their names."""
-    state = {name: array for name, array in series.items() if name not in UNDIGESTED}
-    state["tissue_last_m"] = series["tissue_m"][-1]
-    hashed = hashlib.sha256()
-    for name in sorted(state):
-        array = np.ascontiguousarray(state[name])
-        hashed.update(f"{name}{array.dtype.str}{array.shape}".encode())
-        hashed.update(array.tobytes())
-    return hashed.hexdigest()

@@ -1,7 +1,7 @@
 """The blocks of a scenario, field by field: with `controller_blocks` the only place where a default stands.
 
 Each field's description ends with the tag of its default: [paper] Perrusi et al. 2021, [cited] a published source,
-[ours] our choice because no source states it. A default never changes within a schema version.
+[ours] our choice because no source states it.
 """
 
 from __future__ import annotations
@@ -28,6 +28,7 @@ Triple = tuple[Number, Number, Number]
 Component = Annotated[Number, Field(ge=-1000, le=1000)]
 SetName = Annotated[str, StringConstraints(min_length=1, max_length=100)]
 Face = Literal["x_min", "x_max", "y_min", "y_max", "z_max"]
+SIDES: tuple[Face, Face] = ("y_min", "y_max")  # what is held where nothing is named
 
 
 class Block(BaseModel):
@@ -132,7 +133,7 @@ class Tissue(Block):
         """The faces that are held: those that are named, by default y_min and y_max where nothing else is held."""
         if self.fixed_faces is not None:
             return self.fixed_faces
-        return () if self.fixed_sets or self.fixed_regions else ("y_min", "y_max")
+        return () if self.fixed_sets or self.fixed_regions else SIDES
 
     @property
     def cells(self) -> tuple[int, int, int]:
@@ -280,10 +281,7 @@ class Solver(Block):
     force_tolerance_n: Number = bounded(1e-5, 1e-12, 1e-2, "largest nodal force residual [ours]")
     violation_tolerance_mm: Number = bounded(1e-5, 1e-10, 1e-1, "largest constraint violation [ours]")
     max_iterations: Annotated[int, Field(strict=True)] = Field(
-        default=60,
-        ge=1,
-        le=10_000,
-        description="iterations of a step before it is a failure; 1 to 10000 [ours]",
+        default=60, ge=1, le=10_000, description="iterations of a step before it is a failure; 1 to 10000 [ours]"
     )
 
 

@@ -9,8 +9,9 @@ import numpy as np
 from simcore import plugins
 from simcore.arrays import Floats
 from simcore.errors import Problem
-from simcore.scenario.blocks import StraightTrajectory, Tissue
+from simcore.scenario.blocks import StraightTrajectory
 from simcore.scenario.controller_blocks import Controller, Learned, Plugin, Replay
+from simcore.scenario.held_parts import held_faces_of
 from simcore.scenario.pose_file import digest_of_poses, fault_of_poses, load_poses
 from simcore.scenario.suggestions import did_you_mean
 
@@ -122,8 +123,7 @@ def _block_differences(now: dict[str, Any], trained: dict[str, Any]) -> list[tup
 def _with_held_faces(tissue: dict[str, Any]) -> dict[str, Any]:
     """A tissue as JSON data with the faces that null stands for."""
     held = {"fixed_sets": [], "fixed_regions": [], **tissue}
-    block = Tissue.model_construct(**{name: held.get(name) for name in ("fixed_faces", "fixed_sets", "fixed_regions")})
-    return {**held, "fixed_faces": list(block.held_faces)}
+    return {**held, "fixed_faces": held_faces_of(held)}
 
 
 def _path_differences(path: StraightTrajectory, trained: dict[str, Any]) -> list[tuple[str, Any, str]]:

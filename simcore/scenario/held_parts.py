@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from simcore.errors import Problem
 from simcore.mesh.numbering import held_nodes
-from simcore.scenario.blocks import MAXIMUM_CELLS, FixedBox, FixedPlane, Tissue
+from simcore.scenario.blocks import MAXIMUM_CELLS, SIDES, FixedBox, FixedPlane, Tissue
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -21,6 +21,13 @@ if TYPE_CHECKING:
 def held_of(tissue: Tissue, mesh: Mesh) -> Ints:
     """The held nodes of the tissue's mesh. Raises KeyError for a face or a set that the mesh has not."""
     return held_nodes(mesh, tissue.held_faces, tissue.fixed_sets, [region.region() for region in tissue.fixed_regions])
+
+
+def held_faces_of(tissue: dict[str, Any]) -> list[str]:
+    """The faces that a tissue as JSON data holds: those that null stands for, too."""
+    if tissue.get("fixed_faces") is not None:
+        return list(tissue["fixed_faces"])
+    return [] if tissue.get("fixed_sets") or tissue.get("fixed_regions") else list(SIDES)
 
 
 def region_problems(tissue: Tissue) -> list[Problem]:

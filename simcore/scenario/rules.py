@@ -2,20 +2,16 @@
 
 from __future__ import annotations
 
-import copy
 import math
-from typing import Any, TypeVar
+from typing import TypeVar
 
 import numpy as np
 
-from simcore.contact.line import LINE_RADIUS_OF_BALL
 from simcore.errors import Problem
 from simcore.scenario.blocks import (
-    HARD_SPACING_MM,
     MAXIMUM_CELLS,
     MAXIMUM_STEPS,
     MINIMUM_DEPTH_MM,
-    SPACING_MM,
     STAND_OFF_MM,
     Breathing,
     Interaction,
@@ -26,9 +22,10 @@ from simcore.scenario.blocks import (
     StraightTrajectory,
     Tissue,
 )
-from simcore.scenario.controller_blocks import Controller, FrozenJacobian, InverseFem, Replay, SeparateModel
+from simcore.scenario.controller_blocks import Controller, InverseFem, Replay
 from simcore.scenario.controller_rules import plugin_problems, pose_count, pose_problems
 from simcore.scenario.held_parts import block_problems, nothing_held, region_problems
+from simcore.scenario.point_rules import point_problems, separate_model
 from simcore.trajectory import step_count
 
 AnyTrajectory = TypeVar("AnyTrajectory", bound=StraightTrajectory)
@@ -47,7 +44,8 @@ def problems_between(
 ) -> list[Problem]:
     """All that is wrong between the fields of a scenario whose fields are each in range."""
     return [
-        *_needle_problems(needle, interaction, tissue),
+        *_needle_problems(needle),
+        *point_problems(needle, interaction, tissue, separate_model(controller)),
         *_tissue_problems(tissue),
         *(
             _path_problems(trajectory, tissue)
@@ -57,7 +55,7 @@ def problems_between(
         *pose_problems(controller),
         *_delay_problems(controller, dt_s),
         *_derivative_problems(controller, solver),
-        *_model_problems(controller, interaction, tissue),
+        *_model_problems(controller, tissue),
         *plugin_problems(controller),
     ]
 
@@ -92,78 +90,12 @@ def with_entry(trajectory: AnyTrajectory, tissue: Tissue) -> AnyTrajectory:
     return trajectory.model_copy(update={"entry_mm": snapped_entry_mm(tissue, trajectory)})
 
 
-def with_spacing(interaction: Interaction, tissue: Tissue) -> Interaction:
-    """The interaction with its derived spacing."""
-    if interaction.spacing_mm is not None:
-        return interaction
-    derived = derived_spacing_mm(line_compliance=interaction.line_compliance, element_mm=tissue.element_size_mm)
-    return interaction.model_copy(update={"spacing_mm": derived})
-
-
-def derived_spacing_mm(*, line_compliance: bool, element_mm: float) -> float:
-    """Rest distance of constraint points: 3 mm, of hard ones max(5 mm, element size), closer ones lock."""
-    return SPACING_MM if line_compliance else max(HARD_SPACING_MM, element_mm)
-
-
-def without_derived(resolved: dict[str, Any]) -> dict[str, Any]:
-    """Resolved scenario JSON as a start for changes: a spacing that is what it would be derived as is null again.
-
-    It loads to the same scenario, and with another element size to one whose rows of constraint points follow it.
-    """
-    data = copy.deepcopy(resolved)
-    interaction, model = data["interaction"], data["controller"].get("model")
-    hard = not interaction["line_compliance"]
-    if isinstance(model, dict) and model.get("spacing_mm") is not None:
-        derived = max(interaction["spacing_mm"], model["element_size_mm"] if hard else 0.0)
-        model["spacing_mm"] = None if model["spacing_mm"] == derived else model["spacing_mm"]
-    element_mm = data["tissue"]["element_size_mm"]
-    if interaction["spacing_mm"] == derived_spacing_mm(line_compliance=not hard, element_mm=element_mm):
-        interaction["spacing_mm"] = None
-    return data
-
-
-def separate_model(controller: Controller) -> SeparateModel | None:
-    """The tissue that the controller has for itself, if it has one."""
-    if isinstance(controller, InverseFem | FrozenJacobian) and isinstance(controller.model, SeparateModel):
-        return controller.model
-    return None
-
-
-def with_model_spacing(controller: Controller, interaction: Interaction, tissue: Tissue) -> Controller:
-    """The controller with the derived mesh and spacing of its separate model, if it has one."""
-    model = separate_model(controller)
-    return controller.model_copy(update={"model": _with_spacing(model, interaction, tissue)}) if model else controller
-
-
-def _needle_problems(needle: Needle, interaction: Interaction, tissue: Tissue) -> list[Problem]:
-    spacing = interaction.spacing_mm
+def _needle_problems(needle: Needle) -> list[Problem]:
     problems = []
     if needle.inner_diameter_mm >= needle.outer_diameter_mm:
         allowed = f"must be below needle.outer_diameter_mm = {needle.outer_diameter_mm:g}"
         problems.append(Problem("needle.inner_diameter_mm", needle.inner_diameter_mm, allowed))
-    least = 0.0 if interaction.line_compliance else max(HARD_SPACING_MM, tissue.element_size_mm)
-    if spacing is not None and spacing < least:
-        allowed = (
-            f"must be at least {least:g} without interaction.line_compliance (5 and tissue.element_size_mm), closer rows "
-            "lock; or null"
-        )
-        problems.append(Problem("interaction.spacing_mm", spacing, allowed))
-    return [*problems, *_spread_problems(needle, interaction)]
-
-
-def _spread_problems(needle: Needle, interaction: Interaction) -> list[Problem]:
-    """The ball is wider than the needle, where the line's compliance is the difference of both."""
-    spread = interaction.spread_mm
-    if not interaction.line_compliance:
-        return [Problem("interaction.spread_mm", spread, "must be 0 or 0.1 to 20")] if 0.0 < spread < 0.1 else []
-    least = 0.5 * needle.outer_diameter_mm / LINE_RADIUS_OF_BALL
-    if spread > least:
-        return []
-    allowed = (
-        f"must be above {least:.4g}, the needle's radius / {LINE_RADIUS_OF_BALL}, and at most 20; any from 0.1 and 0 "
-        "only with interaction.line_compliance = false"
-    )
-    return [Problem("interaction.spread_mm", spread, allowed)]
+    return problems
 
 
 def _tissue_problems(tissue: Tissue) -> list[Problem]:
@@ -289,27 +221,10 @@ def _derivative_problems(controller: Controller, solver: Solver) -> list[Problem
     return [Problem("controller.derivative", controller.derivative, allowed)]
 
 
-def _with_spacing(model: SeparateModel, interaction: Interaction, tissue: Tissue) -> SeparateModel:
-    if tissue.mesh_file is not None:
-        model = model.model_copy(update={"element_size_mm": tissue.element_size_mm})
-    if model.spacing_mm is not None:
-        return model
-    assert interaction.spacing_mm is not None
-    least = 0.0 if interaction.line_compliance else model.element_size_mm
-    return model.model_copy(update={"spacing_mm": max(interaction.spacing_mm, least)})
-
-
-def _model_problems(controller: Controller, interaction: Interaction, tissue: Tissue) -> list[Problem]:
+def _model_problems(controller: Controller, tissue: Tissue) -> list[Problem]:
     model, problems = separate_model(controller), list[Problem]()
     if model is None:
         return problems
-    least = 0.0 if interaction.line_compliance else max(HARD_SPACING_MM, model.element_size_mm)
-    if model.spacing_mm is not None and model.spacing_mm < least:
-        allowed = (
-            f"must be at least {least:g} without interaction.line_compliance (5 and controller.model.element_size_mm), "
-            "closer rows lock"
-        )
-        problems.append(Problem("controller.model.spacing_mm", model.spacing_mm, allowed))
     cells = math.prod(tissue.model_copy(update={"element_size_mm": model.element_size_mm}).cells)
     if cells > MAXIMUM_CELLS and tissue.mesh_file is None:
         allowed = f"gives {cells} cells, at most {MAXIMUM_CELLS} are allowed"

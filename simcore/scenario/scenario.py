@@ -49,18 +49,16 @@ from simcore.scenario.controller_blocks import (
     SmallNetwork,
 )
 from simcore.scenario.controller_rules import CONDITIONS, training_warnings, with_file_digest
+from simcore.scenario.point_rules import separate_model, with_model_spacing, with_spacing
+from simcore.scenario.preset_data import PRESETS, unknown_preset
 from simcore.scenario.rules import (
     delay_steps,
     hold_problems,
     problems_between,
-    separate_model,
     steps_along,
     with_entry,
     with_mesh,
-    with_model_spacing,
-    with_spacing,
 )
-from simcore.scenario.suggestions import did_you_mean
 from simcore.scenario.validation import problems_of
 from simcore.trajectory import Path
 
@@ -194,14 +192,9 @@ class Scenario(Block):
     @classmethod
     def _named(cls, name: str) -> Scenario:
         """The built-in scenario of a name, which is neither an object nor a list as JSON."""
-        from simcore.scenario.presets import preset, preset_names
-
-        if name in preset_names():
-            return preset(name)
-        known, meant = ", ".join(preset_names()), did_you_mean(name, preset_names())
-        allowed = (
-            f"is neither JSON nor a built-in scenario: {known}{meant}; for a file: Scenario.load(open(name).read())"
-        )
+        if name in PRESETS:
+            return cls.load({"name": name, **PRESETS[name][1]})
+        allowed = f"is not JSON, and {unknown_preset(name)}; for a file: Scenario.load(open(name).read())"
         raise ScenarioError([Problem("scenario", name, allowed)])
 
     def resolved(self) -> dict[str, Any]:

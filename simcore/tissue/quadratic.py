@@ -1,7 +1,7 @@
 """Linear elasticity at rest on quadratic tetrahedra over the same mesh: what the linear ones are measured against.
 
 Quadratic tetrahedra contain the linear ones, so under any load they give way at least as much; on a mesh that linear
-ones leave 10 to 30 % too stiff they are within 1 to 3 % (tests/simcore/tissue/test_quadratic.py).
+ones leave 10 to 30 % too stiff they are within 1 to 3 % (tests/simcore/contact/test_line.py).
 """
 
 from __future__ import annotations

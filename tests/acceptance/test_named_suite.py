@@ -16,7 +16,7 @@ from tests.acceptance.server import running_server, until
 if TYPE_CHECKING:
     from pathlib import Path
 
-NAME = "lin100-v1-smoke"
+NAME = "lin100-v2-smoke"
 
 
 @pytest.mark.slow

@@ -126,7 +126,7 @@ def check_report(folder: Path, insertions: int) -> None:
 @pytest.mark.slow
 def test_the_smoke_suite_run_twice_is_bit_identical(tmp_path: Path) -> None:
     wanted = {"lin-000-ifem", "lin-000-open_loop", "lin-noise-000-ifem", "cur-000+x-ifem", "cur-001-x-rigid"}
-    cases = resolve_cases([case for case in drafts("paper-v1-smoke") if case.id in wanted])
+    cases = resolve_cases([case for case in drafts("paper-v2-smoke") if case.id in wanted])
     assert len(cases) == len(wanted)
     with Crew(2, folder=tmp_path, files=tmp_path) as crew:
         runs = [{o.case.id: o.result for o in crew.run_many(order)} for order in (cases, cases[::-1])]

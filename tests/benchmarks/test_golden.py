@@ -3,15 +3,23 @@
 from __future__ import annotations
 
 import json
+from functools import cache
+from typing import Any
 
 import pytest
 
-from tests.benchmarks.golden import FILE, KEPT, SCHEMA, changes_of_cases, measure, origin
+from tests.benchmarks import golden
+from tests.benchmarks.golden import FILE, KEPT, SCHEMA, changes_of_cases, origin, scenario_of
 
 GOLDEN = json.loads(FILE.read_text())
 TO_THE_NANOMETRE = ("rmse_commanded_mm", "rcm_mean_mm", "rcm_max_mm", "max_push_n")  # and to the micronewton
 SAME_MACHINE = 1e-6  # mm, N
 OTHER_MACHINE = 1e-3  # mm, N: twice the furthest that two kinds of x86-64 processors were seen apart
+
+
+@cache
+def measure(case: str) -> dict[str, Any]:
+    return golden.measure(case)
 
 
 def test_the_file_has_every_built_in_scenario() -> None:
@@ -25,16 +33,24 @@ def test_the_file_has_every_built_in_scenario() -> None:
 def test_a_built_in_scenario_gives_its_golden_numbers(case: str) -> None:
     """Another processor may differ in the last digits: its libraries take other instructions.
 
-    Measure them again with `python -m tests.benchmarks.golden`, and say in the changelog why they changed.
+    Measure them again with `make golden`, and say in the changelog why they changed.
     """
-    golden, found = GOLDEN["cases"][case], measure(case)
+    pinned, found = GOLDEN["cases"][case], measure(case)
     same = origin()["cpu"] == GOLDEN["provenance"]["cpu"]
     tolerance = SAME_MACHINE if same else OTHER_MACHINE
-    assert found["status"] == golden["status"]
-    for name, value in golden["metrics"].items():
+    assert found["status"] == pinned["status"]
+    for name, value in pinned["metrics"].items():
         if name in TO_THE_NANOMETRE:
             assert found["metrics"][name] == pytest.approx(value, rel=0.0, abs=tolerance), name
         elif isinstance(value, float):
             assert found["metrics"][name] == pytest.approx(value, rel=1e-3, abs=tolerance), name
         else:
             assert found["metrics"][name] == value, name
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("case", [name for name in changes_of_cases() if "open loop" not in name])
+def test_the_needle_of_a_built_in_scenario_stays_below_half_of_its_yield_stress(case: str) -> None:
+    found = measure(case)
+    assert found["metrics"]["success"]
+    assert 0.0 < found["metrics"]["max_needle_stress_mpa"] < 0.5 * scenario_of(case).needle.yield_mpa

@@ -74,7 +74,7 @@ def test_targets_are_those_of_the_specification() -> None:
         "start.warm_s": ("at_most", 2.5),
         "start.cold_s": ("at_most", 40.0),
         "memory.1617_mb": ("at_most", 400.0),
-        "memory.5270_mb": ("at_most", 700.0),
+        "memory.4743_mb": ("at_most", 700.0),
     }
 
 

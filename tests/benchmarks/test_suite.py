@@ -44,6 +44,7 @@ NAMES = (
     "memory",
     "profile",
     "convergence",
+    "sweeps",
     "forces",
 )
 RECORDER = "tests.benchmarks.test_suite:silent"
@@ -140,7 +141,7 @@ def test_scaling(ports: BenchPorts) -> None:
 
 
 def test_the_exponent_of_a_power_law() -> None:
-    nodes = [918, 1617, 2600, 5270]
+    nodes = [765, 1617, 2925, 4743]
     assert fitted_exponent(nodes, [3e-6 * n**1.4 for n in nodes]) == pytest.approx(1.4)
 
 

@@ -31,7 +31,7 @@ _METHODS = ["GET", "GET", "GET", "HEAD", "POST", "POST", "PUT", "PATCH", "DELETE
 _TOKEN = st.text("ABCDEFGHIJKLMNOPQRSTUVWXYZ-_!", min_size=1, max_size=20)
 _WORDS = st.sampled_from(
     ["..", ".", "%00", "%2e%2e%2f", "%ff", "%", "%zz", "0", "-1", "null", "NaN", "1e999", "demo", "line", "index.html",
-     "result.json", "series.npz", "job.log", "recording.rrd", "lin100-v1-smoke", "9" * 400, "a" * 33, "'", "%0d%0a",
+     "result.json", "series.npz", "job.log", "recording.rrd", "lin100-v2-smoke", "9" * 400, "a" * 33, "'", "%0d%0a",
      "\u00e4", "a,b,,c", "t_s,tip_m", "json", "csv", "npz", "queued", "running", "true", "[]", "*", "mesh", "model"]
 )  # fmt: skip
 _TARGET = st.text(st.characters(min_codepoint=0x21, max_codepoint=0x7E), max_size=40)
@@ -70,7 +70,7 @@ _DOCUMENTS: list[dict[str, Any]] = [
     {"scenario": "demo", "priority": 1, "timeout_s": 60},
     {"scenario": {"name": "s", "tissue": {"element_size_mm": 10, "young_kpa": 5}, "controller": {"kind": "ifem"}}},
     {"name": "g", "scenario": "line", "grid": {"seed": [0, 1], "tissue.young_kpa": [3.0]}},
-    {"suite": "lin100-v1-smoke"},
+    {"suite": "lin100-v2-smoke"},
     {"name": "n", "cron": "0 3 * * *", "timezone": "Europe/Berlin", "campaign": {"grid": {"seed": [1]}}},
     {"campaigns": ["a", "b"], "controllers": ["ifem", "elm"]},
     {"scope": "read", "note": "x"},

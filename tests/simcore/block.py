@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from itertools import pairwise
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -26,6 +27,7 @@ Vector = NDArray[np.float64]
 AHEAD = np.array([0.0, 0.0, 1.0])
 TIGHT = {"force_tolerance_n": 1e-9, "violation_tolerance_mm": 1e-9}
 BLOCK_MM = (24.0, 40.0, 60.0)
+HARD = {"line_compliance": False, "tip": "held", "spread_mm": 4.0, "puncture_n": 0.1}  # Duriez et al. 2009, and a skin
 FORWARD_M = np.arange(1, 61) * 5e-4
 CURVED_M = np.concatenate([FORWARD_M, 0.03 - FORWARD_M[:30], 0.015 + FORWARD_M[:40]])  # push, pull, push beyond
 
@@ -98,6 +100,33 @@ def straight_trip(depths_m: Iterable[float], **blocks: Any) -> Trip:
     start = insertion.initial_state(AHEAD)
     poses = straight_poses(start.base, depths_m)
     return Trip(insertion, travel(insertion, start, poses), poses)
+
+
+def bare_gaps(state: InsertionState) -> Vector:
+    """(a, 3) m, world: ball minus the shaft point beside it, on which the force acts: the gap without C lambda."""
+    at = state.solved.at
+    local = np.einsum("aij,aj->ai", at.points.frames, at.force_n)
+    gap = at.points.gap - np.einsum("aij,aj->ai", at.points.compliance, local)
+    gap[:, 2] = 0.0
+    return np.asarray(np.einsum("aij,ai->aj", at.points.frames, gap))
+
+
+def line_energy(state: InsertionState) -> float:
+    """J stored around the needle: 1/2 F C F of all points."""
+    at = state.solved.at
+    local = np.einsum("aij,aj->ai", at.points.frames, at.force_n)
+    return float(0.5 * np.einsum("ai,aij,aj->", local, at.points.compliance, local))
+
+
+def works(states: list[InsertionState]) -> Vector:
+    """(s,) J of the robot up to each state: trapezoidal rule over the base's wrench."""
+    done = [0.0]
+    for a, b in pairwise(states):
+        shift = b.base.position_m - a.base.position_m
+        spin = 0.5 * np.cross(a.base.rotation.T, b.base.rotation.T).sum(axis=0)
+        mean = 0.5 * (a.base_wrench + b.base_wrench)
+        done.append(done[-1] + float(mean[:3] @ shift + mean[3:] @ spin))
+    return np.array(done)
 
 
 # the tissue on its own

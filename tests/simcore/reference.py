@@ -11,6 +11,7 @@ from scipy.sparse import coo_array, csr_array
 from scipy.sparse.linalg import spsolve
 from threadpoolctl import threadpool_limits
 
+from simcore.contact.channel import Phase
 from simcore.needle.beam import BeamForces, internal
 from simcore.needle.model import rigid_move
 from simcore.needle.shaft import shaft_frame
@@ -78,7 +79,8 @@ def manufactured_load(points: Vector, young_pa: float, poisson: float) -> Vector
 
 @dataclass
 class Iterate:
-    """Tissue x (n, 3), needle (m + 1, 3) and (m + 1, 3, 3), force (a, 3) N on the tissue, arc length (a,) m."""
+    """Tissue x (n, 3), needle (m + 1, 3) and (m + 1, 3, 3), force (a, 3) N on the tissue, arc length (a,) m of the
+    shaft point beside the ball."""
 
     x: Vector
     needle_x: Vector
@@ -102,8 +104,10 @@ class Iterate:
 class FullNewton:
     """One step with given modes as a square system in tissue, needle, forces and arc lengths; dense Newton.
 
-    Rows: balance of the free tissue nodes, balance of the free needle nodes, and of each point p - c(s) = 0 and its
-    axial law: s = breakpoint (odd mode), else force along the shaft = level (specification of the interaction).
+    Rows: balance of the free tissue nodes, balance of the free needle nodes, and of each point p - c(s) + L F = 0 and
+    its axial law: s + C F_tau / |c'| = breakpoint (odd mode), else force along the shaft = level (specification of the
+    interaction). L = P G P / l across the shaft and C = tau G tau / l along it, 0 at X_c and in hard rows; l is
+    at least the needle's diameter at the entry; a free X_c has P F = 0 in place of its lateral gap.
     """
 
     def __init__(
@@ -226,23 +230,36 @@ class FullNewton:
         points = self.channel.rest_m[: self.channel.count] + self.balls @ (at.x - rest) + shift
         forces = self.needle_forces(at)
         gaps, laws = np.empty((len(self.elements), 3)), np.empty(len(self.elements))
-        levels = self.levels(at, points)
+        lengths = self.tributaries(at, points)
+        levels = self.levels(lengths)
         for i, e in enumerate(self.elements):
             c, dc, _, beam, h = self.shaft(at.needle_x, at.needle_R, at.arc[i])
             for node, share, lever in ((beam, h[0], h[1]), (beam + 1, h[2], h[3])):
                 forces[node, :3] += share * at.force[i]
                 forces[node, 3:] += lever * np.cross(at.needle_R[node, :, 2], at.force[i])
-            gaps[i] = 1e3 * (points[e] - c)
+            tangent = dc / np.linalg.norm(dc)
+            gaps[i], creep = self.gap(i, points[e] - c, tangent, at.force[i], lengths[i])
             if self.slips_on_surface:
                 gaps[i, :2] = at.force[i, :2] - self.coulomb(at.force[i], c - points[e])
-            tangent = dc / np.linalg.norm(dc)
             if self.modes[i] % 2 == 1:
-                laws[i] = 1e3 * (at.arc[i] - self.breakpoint(i))
+                laws[i] = 1e3 * (at.arc[i] + creep / np.linalg.norm(dc) - self.breakpoint(i))
             else:
                 axial = at.force[i] @ tangent
                 lateral = np.linalg.norm(at.force[i] - axial * tangent)
                 laws[i] = axial - levels[i] - self.sign(i) * self.insertion.model.law.friction * lateral
         return np.concatenate([forces[1:].ravel(), gaps.ravel(), laws])
+
+    def gap(self, i: int, apart: Vector, tangent: Vector, force: Vector, length: float) -> tuple[Vector, float]:
+        """(3,) mm: the generalised gap of an element that is `apart` (3,) m; lateral rows of a free X_c in N. And the
+        creep along the shaft, m."""
+        line, across = self.insertion.model.line, np.eye(3) - np.outer(tangent, tangent)
+        if self.before.channel.phase is Phase.INSERTED and self.elements[i] == 0 and line.free_tip:
+            return 1e3 * tangent * (tangent @ apart) + across @ force, 0.0
+        if self.elements[i] == 0 or line.hard:
+            return 1e3 * apart, 0.0
+        length = max(length, line.entry_m if self.elements[i] == 1 else 1e-6)
+        pressed = across @ line.compliance_m2_per_n @ across @ force / length
+        return 1e3 * (apart + pressed), float(tangent @ line.compliance_m2_per_n @ tangent / length * (tangent @ force))
 
     def shaft(self, needle_x: Vector, needle_R: Vector, arc: float) -> tuple[Vector, Vector, Vector, int, Vector]:
         return shaft_frame(needle_x, needle_R, self.needle.element_length_m, arc)
@@ -267,10 +284,10 @@ class FullNewton:
     def sign(self, i: int) -> float:
         return -1.0 if self.modes[i] == 0 else 1.0
 
-    def levels(self, at: Iterate, points: Vector) -> Vector:
+    def levels(self, lengths: Vector) -> Vector:
         """(a,) N: +- tau0 l_i, and f_cut beyond the channel end; Coulomb's part is added by the caller."""
         law = self.insertion.model.law
-        lengths, out = self.tributaries(at, points), np.empty(len(self.elements))
+        out = np.empty(len(self.elements))
         for i, e in enumerate(self.elements):
             cutting = e == 0 and self.modes[i] == (4 if self.withdrawn(i) else 2)
             out[i] = self.sign(i) * law.adhesion_n_per_m * lengths[i] + cutting * law.cutting_n

@@ -31,7 +31,7 @@ def rollout(kind: str) -> Rollout:
     changes: dict[str, dict[str, Any]] = {
         "steered": {},
         "open loop": {"controller": {"kind": "open_loop"}, "trajectory": LINE},
-        "never punctured": {"controller": replay(AWAY[:1]), "noise_mm": 0.0},
+        "never punctured": {"controller": replay(AWAY[:1]), "noise_mm": 0.0, "interaction": {"puncture_n": 0.1}},
         "failed in its first step": {"controller": replay(TURNED)},
     }
     return run(short(**changes[kind]))

@@ -24,7 +24,7 @@ class ScheduleRequest(BaseModel):
                     "name": "nightly",
                     "cron": "0 2 * * *",
                     "timezone": "Europe/Paris",
-                    "campaign": {"suite": "lin100-v1-quick"},
+                    "campaign": {"suite": "lin100-v2-quick"},
                 }
             ]
         },

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from simcore.mesh.formats.cursor import BinaryCursor, TextCursor, integer
-from simcore.mesh.formats.gmsh import ELEMENTS, Content, Elements, count_line, grouped
+from simcore.mesh.formats.gmsh_content import ELEMENTS, Content, Elements, count_line, grouped
 from simcore.mesh.formats.raw import check_points
 
 if TYPE_CHECKING:

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from simcore.mesh.formats.cursor import BinaryCursor, TextCursor, integer
-from simcore.mesh.formats.gmsh import ELEMENTS, Content, Elements, count_line
+from simcore.mesh.formats.gmsh_content import ELEMENTS, Content, Elements, count_line
 from simcore.mesh.formats.gmsh_old import read_elements, read_nodes
 from simcore.mesh.formats.raw import CellBlock, check_points, integers
 

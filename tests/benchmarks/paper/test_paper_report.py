@@ -32,7 +32,7 @@ if TYPE_CHECKING:
     from pathlib import Path
 
 VOID = {"meta", "col", "br"}
-PROVENANCE = {"commit": "abc", "suites": {"lin100-v1": "0" * 64}, "seeds": [1, 2], "load": None}
+PROVENANCE = {"commit": "abc", "suites": {"lin100-v2": "0" * 64}, "seeds": [1, 2], "load": None}
 
 
 class Page(HTMLParser):

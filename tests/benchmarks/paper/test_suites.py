@@ -156,9 +156,9 @@ def test_sensitivity_moves_one_thing_at_a_time() -> None:
         assert len(differing) == (0 if variation.parameter == "nominal" else 1), variation.name
 
 
-@pytest.mark.parametrize("name", ["paper", "paper-v1-tiny", "lin100-v2", "", "paper-v1-full"])
+@pytest.mark.parametrize("name", ["paper", "paper-v2-tiny", "lin100-v1", "", "paper-v2-full"])
 def test_an_unknown_suite_is_refused_with_the_known_ones(name: str) -> None:
-    with pytest.raises(ScenarioError, match=r"suite = .* is none of data105-v1.*paper-v1-smoke") as caught:
+    with pytest.raises(ScenarioError, match=r"suite = .* is none of data105-v2.*paper-v2-smoke") as caught:
         suites.suite(name)
     assert caught.value.problems[0].value == name
 

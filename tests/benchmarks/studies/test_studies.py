@@ -14,10 +14,10 @@ from numpy.typing import NDArray
 from benchmarks import observed_run
 from benchmarks.builtin_scenarios import benchmark_scenario, is_supported, with_blocks
 from benchmarks.observed_run import ObservedRun, observe
-from benchmarks.studies.convergence import Sweep, _replay, _rows, at_times, sweeps
-from benchmarks.studies.convergence_report import MEASURES, study_part
 from benchmarks.studies.forces import Curve, push_hold_pull, read_off
 from benchmarks.studies.replayed_poses import replay_block, slerp
+from benchmarks.studies.sweeps import Sweep, _replay, _rows, at_times, sweeps
+from benchmarks.studies.sweeps_report import MEASURES, study_part
 from simcore.rotations import exp_map, quaternion_from_matrix
 from simcore.scenario.presets import preset
 from simcore.scenario.scenario import Replay, Scenario
@@ -36,13 +36,15 @@ def test_what_is_measured_is_the_built_in_scenario(name: str) -> None:
     assert benchmark_scenario(name, quick=False) == preset(name)
     quick = benchmark_scenario(name, quick=True)
     assert quick.steps < 0.11 * preset(name).steps
-    assert quick.interaction.spacing_mm == quick.tissue.element_size_mm == 10.0
+    assert (quick.interaction.spacing_mm, quick.tissue.element_size_mm) == (3.0, 10.0)
 
 
 def test_changes_keep_the_rest_and_let_the_spacing_follow_the_mesh() -> None:
     base = preset("sine")
     coarse = with_blocks(base, tissue={"element_size_mm": 9.0}, dt_s=0.02)
-    assert (coarse.interaction.spacing_mm, coarse.dt_s, coarse.trajectory) == (9.0, 0.02, base.trajectory)
+    assert (coarse.interaction.spacing_mm, coarse.dt_s, coarse.trajectory) == (3.0, 0.02, base.trajectory)
+    hard = with_blocks(base, interaction={"line_compliance": False, "spacing_mm": None})
+    assert with_blocks(hard, tissue={"element_size_mm": 9.0}).interaction.spacing_mm == 9.0
     assert with_blocks(base, controller={"kind": "open_loop"}).controller.kind == "open_loop"
     assert is_supported("controller.gain=0.5")
     assert not is_supported("controller.no_such_field=1")
@@ -134,15 +136,14 @@ def test_every_sweep_has_one_default_one_reference_and_valid_scenarios(quick: bo
         assert len(set(labels)) == len(labels)
         assert {sweep.default, sweep.reference} <= set(labels)
         variants = {label: with_blocks(base, **changes) for label, _, changes in sweep.values}
-        if sweep.name != "mesh_alone":
-            assert variants[sweep.default] == base
+        assert variants[sweep.default] == base
 
 
 def test_the_full_study_covers_what_was_asked_for() -> None:
     places = {sweep.name: [place for _, place, _ in sweep.values] for sweep in sweeps(quick=False)}
-    assert places["mesh"] == places["mesh_alone"] == [10.0, 7.5, 6.0, 5.0, 4.0]
+    assert places["mesh"] == [10.0, 8.0, 6.0, 5.0, 4.0]
     assert places["dt"] == pytest.approx([10.0, 5.0, 2.0, 1.2])
-    assert (min(places["spacing"]), max(places["spacing"])) == (1.0, 2.0)
+    assert (min(places["spacing"]), max(places["spacing"])) == (1.0, 12.0)
     assert max(places["tolerance"]) / min(places["tolerance"]) == pytest.approx(1e4)
 
 
@@ -175,12 +176,12 @@ def test_rows_and_files_of_a_made_up_study() -> None:
     assert [row.push_apart_n for row in rows] == pytest.approx([0.3, 0.1, 0.0])
     assert [row.entry_max_n for row in rows] == pytest.approx([0.1, 0.1, 0.1])
     part = study_part(preset("sine"), runs["mesh", "b"], [("mesh", "h, mm", False, False)], rows, {"1": made_run(0, 1)})
-    assert part.figures[0].key == "convergence.mesh.tip_mm"
+    assert part.figures[0].key == "sweeps.mesh.tip_mm"
     assert part.figures[0].median == pytest.approx(0.1)
-    records = list(csv.DictReader(io.StringIO(part.files["convergence.csv"])))
+    records = list(csv.DictReader(io.StringIO(part.files["sweeps.csv"])))
     assert [record["variant"] for record in records] == ["a", "b", "c"]
-    assert "b (default)" in part.files["convergence.md"]
-    for name in ("convergence.svg", "convergence_depth.svg"):
+    assert "b (default)" in part.files["sweeps.md"]
+    for name in ("sweeps.svg", "sweeps_depth.svg"):
         ElementTree.fromstring(part.files[name])
     assert {name for name, _, _ in MEASURES} <= set(records[0])
 
@@ -224,5 +225,6 @@ def test_the_base_pushes_holds_and_pulls() -> None:
     assert isinstance(scenario.controller, Replay)
     z = np.array(scenario.controller.poses)[:, 2] + 180.0
     assert scenario.steps == 100 + 100 + 150
+    assert scenario.interaction.puncture_n == 0.1
     assert (z[0], z[99], z[199], z[-1]) == pytest.approx((0.1, 10.0, 10.0, -5.0))
     assert np.abs(np.diff(z)).max() == pytest.approx(0.1)

@@ -249,7 +249,9 @@ def test_built_in_scenarios_are_a_start_for_others(http: TestClient) -> None:
     assert http.get("/api/v1/scenarios/sine").json() == items[2]
     assert http.get("/api/v1/scenarios/none").status_code == 404
     coarse = {**items[1]["scenario"], "tissue": {"element_size_mm": 10}}
-    assert submit(http, scenario=coarse)["scenario"]["interaction"]["spacing_mm"] == 10.0
+    assert submit(http, scenario=coarse)["scenario"]["interaction"]["spacing_mm"] == 3.0
+    hard = {**coarse, "interaction": {**coarse["interaction"], "line_compliance": False}}
+    assert submit(http, scenario=hard)["scenario"]["interaction"]["spacing_mm"] == 10.0
 
 
 def test_health_readiness_and_version(both: tuple[TestClient, Service]) -> None:

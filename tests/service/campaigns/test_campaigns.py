@@ -74,9 +74,10 @@ def ended(both: tuple[TestClient, Service], **how: Any) -> dict[str, Any]:
     return found
 
 
-def test_a_grid_over_element_sizes_takes_the_spacing_along(both: tuple[TestClient, Service]) -> None:
+def test_a_grid_over_element_sizes_takes_the_spacing_of_hard_points_along(both: tuple[TestClient, Service]) -> None:
     http, service = both
-    start(http, {"scenario": "line", "grid": {"tissue.element_size_mm": [6, 10]}})
+    hard = {"interaction": {"line_compliance": False}}
+    start(http, {"scenario": hard, "grid": {"tissue.element_size_mm": [6, 10]}})
     specs = [job.spec or {} for job in (service.store.claim(), service.store.claim()) if job is not None]
     assert sorted(spec["scenario"]["interaction"]["spacing_mm"] for spec in specs) == [6.0, 10.0]
 
@@ -113,8 +114,8 @@ def test_a_dry_run_queues_nothing(both: tuple[TestClient, Service]) -> None:
     ("body", "words"),
     [
         ({}, "either suite or grid"),
-        ({"suite": "nonsense-v1"}, "lin100-v1"),
-        ({"suite": "lin100-v1-smoke", "grid": {"seed": [0]}}, "either suite or grid"),
+        ({"suite": "nonsense-v1"}, "lin100-v2"),
+        ({"suite": "lin100-v2-smoke", "grid": {"seed": [0]}}, "either suite or grid"),
         ({"grid": {"seed": []}}, "at least one"),
         ({"grid": {"tissue.mesh_file": ["/etc/passwd"]}}, "not accepted here"),
         ({"grid": {"seed": [0]}, "priority": 1000}, "100"),
@@ -188,7 +189,7 @@ def test_results_as_csv_and_as_a_page(both: tuple[TestClient, Service]) -> None:
 
 def test_a_named_suite_has_the_report_of_the_paper(both: tuple[TestClient, Service]) -> None:
     http, service = both
-    made = start(http, {"suite": "lin100-v1-smoke"})
+    made = start(http, {"suite": "lin100-v2-smoke"})
     run_all(service)
     service.keeper.tick()
     page = http.get(made["links"]["report"]).text
@@ -257,4 +258,4 @@ def test_campaigns_are_listed_page_by_page(both: tuple[TestClient, Service]) -> 
 
 def test_suites_are_listed(both: tuple[TestClient, Service]) -> None:
     http, _ = both
-    assert "lin100-v1-smoke" in [item["name"] for item in http.get("/api/v1/suites").json()["items"]]
+    assert "lin100-v2-smoke" in [item["name"] for item in http.get("/api/v1/suites").json()["items"]]

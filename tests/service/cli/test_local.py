@@ -215,8 +215,8 @@ def test_run_set_kind_replaces_the_block(simulation: Simulation, tmp_path: Path)
     assert ran.trajectory == type(ran.trajectory)()
 
 
-def test_run_with_other_elements_takes_the_spacing_along(simulation: Simulation, tmp_path: Path) -> None:
-    change = ["--set", "tissue.element_size_mm=10", "--set", "dt_s=0.1"]
+def test_run_with_other_elements_takes_the_spacing_of_hard_points_along(simulation: Simulation, tmp_path: Path) -> None:
+    change = ["--set", "interaction.line_compliance=false", "--set", "tissue.element_size_mm=10", "--set", "dt_s=0.1"]
     result = invoke("run", "line", "--out", str(tmp_path / "out"), *change)
     assert result.exit_code == 0, result.output
     (ran,) = simulation.scenarios

@@ -16,7 +16,7 @@ from service.store.job import Outcome
 from service.worker.attempt import run_job
 from service.worker.specs import InsertionSpec
 from simcore.rollout import artefacts
-from simcore.rollout.result import Rollout, digest
+from simcore.rollout.digest import digest
 from simcore.rollout.rollout import run
 from simcore.scenario.scenario import Scenario
 from tests.service.http import idle_service
@@ -24,6 +24,8 @@ from tests.service.learned import model_bytes
 
 if TYPE_CHECKING:
     from pathlib import Path
+
+    from simcore.rollout.result import Rollout
 
 SHORT: dict[str, Any] = {
     "name": "short",

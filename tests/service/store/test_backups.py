@@ -47,7 +47,7 @@ def store(data: Path) -> Iterator[Store]:
 
 def submit(store: Store, count: int) -> list[str]:
     spec: dict[str, Any] = {"scenario": {}}
-    given = {"spec": spec, "spec_hash": "0", "steps": 10, "priority": 0, "timeout_s": 60.0}
+    given: dict[str, Any] = {"spec": spec, "spec_hash": "0", "steps": 10, "priority": 0, "timeout_s": 60.0}
     return [store.submit(name=f"s{number}", **given).id for number in range(count)]
 
 

@@ -208,7 +208,7 @@ def test_hostile_names_stay_text(site: Site) -> None:
     assert seen >= 8
 
 
-def test_a_variant_of_a_job_lets_the_spacing_follow(site: Site) -> None:
+def test_a_variant_of_a_job_leaves_the_spacing_to_be_derived(site: Site) -> None:
     http, service, _ = site
     job = service.store.newest(state="finished")[-1].id
     (given,) = Page(http.get(f"/submit?from={job}").text).values("data-given")

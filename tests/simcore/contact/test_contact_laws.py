@@ -36,6 +36,7 @@ class Problem:
     mode: Vector
     stair: Staircase
     slide: Vector
+    free: Vector  # (a,) bears no lateral force
 
     @property
     def speed(self) -> Vector:
@@ -45,7 +46,7 @@ class Problem:
         """(a, 3) N and (a,) m; the modes are updated in place."""
         force, arc = np.empty_like(self.gap), np.empty_like(self.arc)
         response = Response(self.w, self.gap, self.arc, self.speed, self.force)
-        law = Law(self.stair, self.base, self.friction, self.contact)
+        law = Law(self.stair, self.base, self.friction, self.contact, self.free)
         assert solve_laws(response, law, self.mode, self.slide, force, arc)
         return force, arc
 
@@ -58,9 +59,9 @@ class Problem:
 
 
 def random_problem(
-    seed: int, elements: int, friction: float, *, contact: bool = False, withdrawn: bool = False
+    seed: int, elements: int, friction: float, *, contact: bool = False, withdrawn: bool = False, free_tip: bool = False
 ) -> Problem:
-    """Compliances of tissue size (10 mm/N, coupled), gaps of 2 mm, forces of 0.1 N."""
+    """Compliances of tissue size (10 mm/N, coupled), gaps of 2 mm, forces of 0.1 N; a free tip has no lateral force."""
     rng = np.random.default_rng(seed)
     root = rng.normal(size=(3 * elements, 3 * elements))
     w = 1e-2 * (np.eye(3 * elements) + root @ root.T / (3 * elements))
@@ -72,9 +73,10 @@ def random_problem(
     numbers = (LENGTH_M, CUTTING_N, PUNCTURE_N)
     staircases(contact, np.arange(elements), arc_old, *numbers, mode, stair)
     force = rng.normal(scale=0.05, size=(elements, 3))
+    free = np.arange(elements) == (0 if free_tip else -1)
     arc = arc_old + rng.normal(scale=1e-3, size=elements)
     state = (w, gap, arc, force, base, friction, contact, arc_old)
-    return Problem(*state, mode, stair, np.zeros(2))
+    return Problem(*state, mode, stair, np.zeros(2), free)
 
 
 def consistent(p: Problem, force: Vector, arc: Vector, mode: Vector) -> bool:
@@ -109,7 +111,8 @@ def brute_force(p: Problem) -> list[tuple[Vector, Vector, Vector]]:
 
 
 def fixed_modes(p: Problem, mode: Vector) -> Vector | None:
-    """(a, 3) N with zero lateral gaps, sticking rows at their breakpoints and sliding rows at their levels."""
+    """(a, 3) N with zero lateral gaps, or zero lateral force where free, sticking rows at their breakpoints and sliding
+    rows at their levels."""
     force, a = p.force.copy(), len(mode)
     for _ in range(500):
         matrix, right = p.w.copy(), p.w @ p.force.ravel() - p.gap.ravel()
@@ -119,6 +122,8 @@ def fixed_modes(p: Problem, mode: Vector) -> Vector | None:
                 right[row] += (p.stair.breaks[i, k] - p.arc[i]) * p.speed[i]
             else:
                 matrix[row], right[row] = np.eye(3 * a)[row], p.levels(i, np.hypot(*force[i, :2]))[k]
+            for side in range(3 * i, 3 * i + 2 if p.free[i] else 3 * i):
+                matrix[side], right[side] = np.eye(3 * a)[side], 0.0
         new = np.linalg.solve(matrix, right).reshape(a, 3)
         if np.abs(new - force).max() < 1e-13:
             return new
@@ -131,10 +136,13 @@ frictions = st.just(0.0) | st.floats(0.01, 0.3)
 
 
 @quick
-@given(seeds, st.integers(1, 3), st.sampled_from([0.0, 0.1, 0.3]), st.booleans())
-def test_solution_is_one_of_brute_force(seed: int, elements: int, friction: float, withdrawn: bool) -> None:
-    """All laws at once equal the enumeration of every mode, with a tip at the channel end or withdrawn from it."""
-    p = random_problem(seed, elements, friction, withdrawn=withdrawn)
+@given(seeds, st.integers(1, 3), st.sampled_from([0.0, 0.1, 0.3]), st.booleans(), st.booleans())
+def test_solution_is_one_of_brute_force(
+    seed: int, elements: int, friction: float, withdrawn: bool, free_tip: bool
+) -> None:
+    """All laws at once equal the enumeration of every mode, with a tip at the channel end or withdrawn from it, held
+    sideways or free."""
+    p = random_problem(seed, elements, friction, withdrawn=withdrawn, free_tip=free_tip)
     expected = brute_force(p)
     assert expected
     if friction == 0.0:
@@ -168,7 +176,7 @@ def test_friction_states_are_those_of_the_fixed_point_reference(friction: float)
 @given(seeds, st.integers(1, 6), frictions, st.booleans())
 def test_solution_obeys_the_laws(seed: int, elements: int, friction: float, withdrawn: bool) -> None:
     """Bilateral lateral rows; |axial force| <= b + f_cut; stick at the breakpoint inside the bounds, else slip at
-    a bound, against the slip (specification of the interaction)."""
+    a bound, against the slip (specification of the interaction). A tip that is held."""
     p = random_problem(seed, elements, friction, withdrawn=withdrawn)
     force, arc = p.solved()
     assert np.abs(p.gaps(force)[:, :2]).max() < 1e-12
@@ -178,6 +186,39 @@ def test_solution_obeys_the_laws(seed: int, elements: int, friction: float, with
     bound[0] += CUTTING_N
     assert (np.abs(force[:, 2]) <= bound + SLACK_N).all()
     assert (force[1:, 2] * (arc - p.arc_old)[1:] <= 1e-12).all()  # dissipation: a falling s moves the needle forward
+
+
+@quick
+@given(seeds, st.integers(1, 6), frictions, st.booleans())
+def test_a_free_element_bears_no_lateral_force(seed: int, elements: int, friction: float, withdrawn: bool) -> None:
+    """Exactly none, whatever its gap and the forces before; all other rows and every axial law hold as ever, and its
+    axial level is without Coulomb's share."""
+    p = random_problem(seed, elements, friction, withdrawn=withdrawn, free_tip=True)
+    force, arc = p.solved()
+    assert np.abs(force[0, :2]).max() == 0.0
+    assert np.abs(p.gaps(force)[1:, :2]).max(initial=0.0) < 1e-12
+    np.testing.assert_allclose(arc - p.arc, p.gaps(force)[:, 2] / p.speed, atol=1e-12)
+    assert consistent(p, force, arc, p.mode)
+    assert abs(force[0, 2]) <= p.base[0] + CUTTING_N + SLACK_N
+    held = random_problem(seed, elements, friction, withdrawn=withdrawn)
+    assert np.abs(held.solved()[0][0, :2]).max() > 0.0  # the same tip, held, would bear one
+
+
+@quick
+@given(seeds, st.integers(1, 5), frictions, st.floats(1e-4, 1.0))
+def test_compliance_of_a_row_belongs_to_w_and_to_its_gap(
+    seed: int, elements: int, friction: float, compliance: float
+) -> None:
+    """With C in w and C lambda in the gap a row says p - c + C lambda = 0: the bare gap that is left is -C times the
+    force, in both lateral directions; C -> 0 is the hard row."""
+    p, hard = (random_problem(seed, elements, friction) for _ in range(2))
+    springs = np.tile(np.array([compliance, 0.6 * compliance, 0.0]), elements)
+    p.w = p.w + np.diag(springs)
+    p.gap = p.gap + springs.reshape(-1, 3) * p.force
+    force, arc = p.solved()
+    assert consistent(p, force, arc, p.mode)
+    bare = hard.gaps(force)[:, :2]
+    np.testing.assert_allclose(bare, -springs.reshape(-1, 3)[:, :2] * force[:, :2], atol=1e-11)
 
 
 @quick

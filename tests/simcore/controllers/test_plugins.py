@@ -89,6 +89,8 @@ def test_one_that_only_a_new_process_can_import_is_refused(site: Path) -> None:
 class Answers:
     """Does what it is told."""
 
+    limited = True
+
     def __init__(self, action: Any) -> None:
         self.action = action
 

@@ -20,6 +20,7 @@ if TYPE_CHECKING:
     from simcore.rollout.records import StepRecord
     from simcore.rollout.result import Rollout
 
+HARD = {"interaction": {"line_compliance": False}}
 TWIN = {"kind": "separate", "young_kpa": 6.3, "element_size_mm": 10.0, "friction": 0.1, "spacing_mm": 10.0}
 
 
@@ -132,8 +133,10 @@ def test_shared_is_the_default_and_the_resolved_scenario_is_complete() -> None:
     assert ifem(Scenario()).derivative == "fast"
     assert ifem(Scenario()).perturbation_mm == 0.05
     loaded = Scenario.load({"controller": {"model": {"kind": "separate", "element_size_mm": 8}}})
-    assert ifem(loaded).model.spacing_mm == 8.0  # type: ignore[union-attr]
+    assert ifem(loaded).model.spacing_mm == 3.0  # type: ignore[union-attr]
     assert Scenario.load(loaded.resolved()) == loaded
+    hard = Scenario.load({"controller": {"model": {"kind": "separate", "element_size_mm": 8}}, **HARD})
+    assert ifem(hard).model.spacing_mm == 8.0  # type: ignore[union-attr]
 
 
 def test_setting_a_kind_replaces_the_block_by_the_defaults_of_the_new_kind() -> None:
@@ -141,7 +144,7 @@ def test_setting_a_kind_replaces_the_block_by_the_defaults_of_the_new_kind() -> 
         preset("line").resolved(), ["controller.model.kind=separate", "controller.model.young_kpa=5"]
     )
     assert changed["controller"]["model"] == {"kind": "separate", "young_kpa": 5}
-    assert ifem(Scenario.load(changed)).model == SeparateModel(young_kpa=5.0, spacing_mm=6.0)
+    assert ifem(Scenario.load(changed)).model == SeparateModel(young_kpa=5.0, spacing_mm=3.0)
     back = with_changes(Scenario.load(changed).resolved(), ["controller.model.kind=shared"])
     assert back["controller"]["model"] == {"kind": "shared"}
     again = with_changes(Scenario.load(changed).resolved(), ["controller.model.kind=separate"])
@@ -155,7 +158,7 @@ def test_setting_a_kind_replaces_the_block_by_the_defaults_of_the_new_kind() -> 
         ({"model": {"young_kpa": 5}}, "controller.model.young_kpa", "unknown field; known here: kind"),
         ({"model": {"kind": "separate", "yung": 5}}, "controller.model.yung", "element_size_mm, friction, kind"),
         ({"model": {"kind": "separate", "young_kpa": 0}}, "controller.model.young_kpa", "0.1 to 1000"),
-        ({"model": {"kind": "separate", "spacing_mm": 5}}, "controller.model.spacing_mm", "element_size_mm = 6"),
+        ({"model": {"kind": "separate", "spacing_mm": 0.4}}, "controller.model.spacing_mm", "0.5 to 50"),
         ({"model": {"kind": "separate", "element_size_mm": 1}}, "controller.model.element_size_mm", "272304 cells"),
         ({"perturbation_mm": 0.01}, "controller.perturbation_mm", "0.05 to 1"),
         ({"jacobian": "exact"}, "controller.jacobian", "'constraint' or 'perturbation'"),

@@ -138,11 +138,18 @@ def test_contact_on_a_slanted_surface(tmp_path: Path) -> None:
         ({"tissue": {"fixed_sets": [], "fixed_faces": ["x_min"]}}, "tissue.fixed_faces", "flat: y_min, y_max"),
         ({"tissue": {"mesh_sha256": "0" * 64}}, "tissue.mesh_file", "has changed"),
         (
-            {"controller": {"kind": "ifem", "model": {"kind": "separate", "spacing_mm": 8.0}}},
+            {
+                "controller": {"kind": "ifem", "model": {"kind": "separate", "spacing_mm": 8.0}},
+                "interaction": {"line_compliance": False},
+            },
             "controller.model.spacing_mm",
             "controller.model.element_size_mm = 13.1815",
         ),
-        ({"interaction": {"spacing_mm": 8.0}}, "interaction.spacing_mm", "closer rows lock"),
+        (
+            {"interaction": {"spacing_mm": 8.0, "line_compliance": False}},
+            "interaction.spacing_mm",
+            "closer rows lock",
+        ),
         ({"needle": {"length_mm": 50.0}}, "needle.length_mm", "stand-off"),
     ],
 )

@@ -57,7 +57,7 @@ def iterate_of(newton: FullNewton, after: InsertionState) -> Iterate:
     for i, e in enumerate(newton.elements):
         point = newton.channel.rest_m[e] + newton.balls[e] @ (b.x - newton.tissue.mesh.nodes_m)
         arcs[i] = newton.projected(at, point, newton.channel.arc_m[e])
-        if newton.modes[i] % 2 == 1:
+        if newton.modes[i] % 2 == 1 and (e == 0 or newton.insertion.model.line.hard):
             arcs[i] = newton.breakpoint(i)
     return at
 

@@ -236,8 +236,8 @@ def test_surface_friction_opposes_the_slip() -> None:
 
 
 def test_needle_in_the_air_moves_rigidly() -> None:
-    """Contact lost: the tip follows the base as a rigid body, J = [I, -[tip - base]]."""
-    insertion = insertion_of(block_scenario())
+    """Contact with a skin that is not nicked is lost: the tip follows the base rigidly, J = [I, -[tip - base]]."""
+    insertion = insertion_of(block_scenario(interaction={"puncture_n": 0.1}))
     state = insertion.initial_state(AHEAD)
     state = advanced(insertion, state, moved(state.base, np.array([1e-4, 2e-4, -1e-3]), np.array([0.01, 0.02, 0.03])))
     arm = state.tip_m - state.base.position_m

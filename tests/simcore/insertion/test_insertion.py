@@ -17,15 +17,19 @@ from tests.simcore.block import (
     AHEAD,
     BLOCK_MM,
     FORWARD_M,
+    HARD,
     Trip,
     advanced,
+    bare_gaps,
     block_scenario,
     curved_pose,
     curved_trip,
     held,
+    line_energy,
     moved,
     straight_trip,
     travel,
+    works,
 )
 from tests.simcore.reference import FullNewton
 from tests.verification import verify
@@ -54,8 +58,11 @@ def tissue_offset(trip: Trip, state: InsertionState) -> Vector:
 # balance
 
 
-def test_forces_and_moments_balance_at_every_step(curved: Trip) -> None:
-    """Base force = sum of point forces = reaction of the held faces; base moment = moment of the point forces."""
+@pytest.mark.parametrize("plant", ["compliant line, nicked skin", "hard rows, punctured skin"])
+def test_forces_and_moments_balance_at_every_step(plant: str, curved: Trip) -> None:
+    """Base force = sum of point forces = reaction of the held faces; base moment = moment of the point forces about the
+    shaft points, which a compliant line leaves beside their balls."""
+    curved = curved if plant.startswith("compliant") else curved_trip(interaction=HARD)
     tissue = curved.insertion.tissue
     fixed = tissue.unknown < 0
     inner, moments, outer = [], [], []
@@ -63,7 +70,7 @@ def test_forces_and_moments_balance_at_every_step(curved: Trip) -> None:
         base, force = after.base_wrench, after.point_forces_n
         inner.append(base[:3] - force.sum(axis=0))
         inserted = after.channel.phase is Phase.INSERTED  # before, the tip slides over the surface beside its point
-        arms = (after.points_m if inserted else after.tip_m) - after.base.position_m
+        arms = (after.points_m - bare_gaps(after) if inserted else after.tip_m) - after.base.position_m
         moments.append(base[3:] - np.cross(arms, force).sum(axis=0))
         if before.channel.phase is after.channel.phase is Phase.INSERTED:
             load = FullNewton(curved.insertion, before, after.base, after.channel.mode).balls
@@ -71,17 +78,29 @@ def test_forces_and_moments_balance_at_every_step(curved: Trip) -> None:
             reaction = (held(tissue, after.bodies.x)[0] - load)[fixed].sum(axis=0)
             outer.append(reaction + base[:3])
     numbers: dict[str, Any] = {"expected": 0, "source": "Newton's third law"}
-    check("base force - point forces, every step", measured=inner, tolerance=5e-8, unit="N", **numbers)
-    check("base moment - moment of the points, every step", measured=moments, tolerance=5e-9, unit="N m", **numbers)
-    check("base force + reaction of the held faces, every step", measured=outer, tolerance=2e-7, unit="N", **numbers)
+    check(f"{plant}: base force - point forces, every step", measured=inner, tolerance=5e-8, unit="N", **numbers)
+    check(
+        f"{plant}: base moment - moment of the points, every step",
+        measured=moments,
+        tolerance=5e-9,
+        unit="N m",
+        **numbers,
+    )
+    check(
+        f"{plant}: base force + reaction of the held faces, every step",
+        measured=outer,
+        tolerance=2e-7,
+        unit="N",
+        **numbers,
+    )
 
 
 @pytest.mark.parametrize("element_mm", [10.0, 7.5, 6.0])
 def test_no_locking(element_mm: float) -> None:
-    """Rows closer than the mesh can resolve fight each other (a ratio of 118 was seen below h). From
+    """Hard rows closer than the mesh can resolve fight each other (a ratio of 118 was seen below h). From
     spacing / h = 1 to 2 the sum of |lambda_n| is that of the resultant, and changes little: no forces of its own."""
     shares, tissue = (1.0, 1.25, 1.5, 1.75, 2.0), {"element_size_mm": element_mm}
-    spacings = [{"spacing_mm": share * element_mm} for share in shares]
+    spacings = [{**HARD, "spacing_mm": share * element_mm} for share in shares]
     loads = np.array([lateral_load(curved_trip(FORWARD_M, tissue=tissue, interaction=s)) for s in spacings])
     text, source = (
         f"bent push, h = {element_mm:g} mm, spacing / h = 1 to 2",
@@ -135,11 +154,11 @@ def test_puncture_at_its_force(puncture_n: float) -> None:
 
 @pytest.mark.parametrize(
     ("element_mm", "spacing_mm"),
-    [(10.0, 10.0), (10.0, 13.0), (10.0, 20.0), (6.5, 6.5), (6.5, 13.0), (4.0, 5.0), (4.0, 8.0)],
+    [(10.0, 3.0), (10.0, 10.0), (10.0, 13.0), (10.0, 20.0), (6.5, 3.0), (6.5, 13.0), (4.0, 5.0), (4.0, 8.0)],
 )
 def test_axial_force_law(element_mm: float, spacing_mm: float) -> None:
     """f_cut + tau0 S while cutting, -tau0 S while every point slips back, whatever h and spacing.
-    All three meshes have even counts of cells across: symmetric about the entry."""
+    All meshes have even counts of cells across: symmetric about the entry."""
     depths = [*(np.arange(1, 41) * 1e-3), *(0.04 - np.arange(1, 36) * 1e-3)]
     tissue = {"element_size_mm": element_mm}
     trip = straight_trip(np.array(depths), tissue=tissue, interaction={"spacing_mm": spacing_mm})
@@ -189,11 +208,8 @@ def test_dissipation_never_falls_and_adds_up(cycle: Trip) -> None:
     """First law, quasi-static: work of the robot - stored energy = dissipation, which never falls. Over push, hold and
     pull it is f_cut S + tau0 S^2, the work of the levels, up to the slip that stretching of the tissue saves (2 %)."""
     states = cycle.states[: 1 + 120 + 5 + 160]
-    axial = np.array([s.base_wrench[2] for s in states])
-    height = np.array([s.base.position_m[2] for s in states])
-    work = np.concatenate([[0.0], np.cumsum(0.5 * (axial[1:] + axial[:-1]) * np.diff(height))])
-    stored = np.array([held(cycle.insertion.tissue, s.bodies.x)[2] for s in states])
-    dissipated = work - stored
+    stored = np.array([held(cycle.insertion.tissue, s.bodies.x)[2] + line_energy(s) for s in states])
+    dissipated = works(states) - stored
     assert stored.max() > 2e-4
     text, source = "push, hold and pull, straight", "first law, quasi-static: work - stored energy"
     lost, length = max(-np.diff(dissipated).min(), 0.0), states[-1].channel.length_m
@@ -203,18 +219,14 @@ def test_dissipation_never_falls_and_adds_up(cycle: Trip) -> None:
 
 
 def test_external_work_covers_the_stored_energy(curved: Trip) -> None:
-    """On a bent way with lateral friction: at no time is more stored in the tissue than the robot has put in."""
-    states = curved.states
-    work, least = 0.0, np.inf
-    for a, b in pairwise(states):
-        shift = b.base.position_m - a.base.position_m
-        spin = 0.5 * np.cross(a.base.rotation.T, b.base.rotation.T).sum(axis=0)
-        mean = 0.5 * (a.base_wrench + b.base_wrench)
-        work += mean[:3] @ shift + mean[3:] @ spin
-        least = min(least, work - held(curved.insertion.tissue, b.bodies.x)[2])
+    """On a bent way with lateral friction: at no time is more stored in the tissue and around the needle than the robot
+    has put in."""
+    work = works(curved.states)
+    stored = [held(curved.insertion.tissue, s.bodies.x)[2] + line_energy(s) for s in curved.states]
+    least = (work - stored).min()
     text, source = "bent push, pull and push: energy stored beyond the work done", "first law, quasi-static"
     check(text, expected=0, measured=max(-least, 0.0), tolerance=1e-7, source=source, unit="J")
-    assert work > 5e-3
+    assert work[-1] > 5e-3
 
 
 # independence
@@ -229,7 +241,7 @@ def test_results_do_not_depend_on_the_solver_tolerance(curved: Trip, exponent: i
     pairs = list(zip(loose.states, curved.states, strict=True))
     tip = max(np.abs(a.tip_m - b.tip_m).max() for a, b in pairs)
     force = max(np.abs(a.base_wrench[:3] - b.base_wrench[:3]).max() for a, b in pairs)
-    text, source = f"solver tolerances {tolerance:g} N, {tolerance:g} mm", "the same trip at 3e-9 N, 1e-9 mm"
+    text, source = f"solver tolerances {tolerance:g} N, {tolerance:g} mm", "the same trip at 1e-9 N, 1e-9 mm"
     numbers: dict[str, Any] = {"expected": 0, "source": source}
     check(f"{text}: tip, every step", measured=1e3 * tip, tolerance=20.0 * tolerance, unit="mm", **numbers)
     check(f"{text}: base force, every step", measured=force, tolerance=3.0 * tolerance, unit="N", **numbers)
@@ -327,13 +339,13 @@ def test_too_few_iterations_are_a_named_failure() -> None:
     after = insertion.step(start, moved(start.base, np.array([1e-3, 0.0, 3e-3])))
     assert after.report.status is Status.NOT_CONVERGED
     assert after.report.residual_n > insertion.model.tolerances.force_n
-    assert "3e-09" in after.report.message
+    assert "1e-09" in after.report.message
 
 
 @pytest.mark.parametrize("shift", [[-0.02, 0.0, 0.0], [0.0, 0.0, 0.065]], ids=["beside the block", "out of the back"])
 def test_a_tip_that_leaves_the_tissue_is_a_named_failure(shift: list[float]) -> None:
-    """Outside the rest shape there is nothing to touch or to cut."""
-    insertion = insertion_of(block_scenario())
+    """Outside the rest shape there is nothing to touch or to cut; a skin that is not nicked lets the tip slide off."""
+    insertion = insertion_of(block_scenario(interaction={"puncture_n": 0.1}))
     state = insertion.initial_state(np.array([0.0, 0.0, 1.0]))
     for share in np.linspace(0.02, 1.0, 50):
         base = moved(insertion.initial_base(np.array([0.0, 0.0, 1.0])), share * np.array(shift))

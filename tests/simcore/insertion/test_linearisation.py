@@ -10,7 +10,7 @@ import pytest
 
 from simcore.insertion.jacobian_fast import Linearisation, lateral_offset, linearise
 from simcore.scenario.build import insertion_of
-from tests.simcore.block import AHEAD, advanced, block_scenario, curved_pose, moved
+from tests.simcore.block import AHEAD, HARD, advanced, block_scenario, curved_pose, moved
 from tests.verification import verify
 
 if TYPE_CHECKING:
@@ -50,8 +50,9 @@ class Case:
 
 
 def case(step: int, **blocks: Any) -> Case:
-    """Step number `step` of a curved push to 30 mm (steps 0 to 59) and pull of 5 mm (60 to 79)."""
-    insertion = insertion_of(block_scenario(**blocks))
+    """Step number `step` of a curved push to 30 mm (steps 0 to 59) and pull of 5 mm (60 to 79), with hard rows."""
+    interaction = {**HARD, **blocks.pop("interaction", {})}
+    insertion = insertion_of(block_scenario(interaction=interaction, **blocks))
     state = insertion.initial_state(AHEAD)
     first = state.base
     for depth in PUSH_PULL_M[:step]:
@@ -114,8 +115,8 @@ def test_before_puncture(step: int, friction: float, bound: float) -> None:
 
 
 def test_a_free_needle_follows_rigidly() -> None:
-    """Nothing touches: d tip = dX - (tip - X) x dw, from the base alone."""
-    insertion = insertion_of(block_scenario())
+    """Nothing touches a skin that is not nicked: d tip = dX - (tip - X) x dw, from the base alone."""
+    insertion = insertion_of(block_scenario(interaction={"puncture_n": 0.1}))
     start = insertion.initial_state(AHEAD)
     after = advanced(insertion, start, moved(start.base, np.array([1e-3, 2e-3, -0.02]), np.array([0.2, -0.1, 0.3])))
     arm = after.tip_m - after.base.position_m

@@ -85,7 +85,7 @@ def short_scenario(**controller: object) -> Scenario:
 
 
 def test_remote_centre_rows_are_off_before_the_puncture() -> None:
-    insertion = insertion_of(block_scenario())
+    insertion = insertion_of(block_scenario(interaction={"puncture_n": 0.1}))
     state = insertion.initial_state(AHEAD)
     response = Perturbation(insertion, shift_m=5e-5, lever_arm_m=LEVER_M).linearise(state, state)
     assert response.rcm is None

@@ -14,6 +14,7 @@ sys.modules["pydantic"] = None  # an import of it is an ImportError
 import numpy as np
 from simcore.contact.channel import ChannelModel
 from simcore.contact.laws import ContactLaw
+from simcore.contact.line import LineCoupling, cylinder_compliance
 from simcore.insertion.insertion import Insertion
 from simcore.insertion.jacobian_exact import linearise_exactly
 from simcore.insertion.model import CoupledModel, Tolerances
@@ -27,9 +28,11 @@ mesh = box_mesh(np.array([0.024, 0.04, 0.06]), (2, 4, 6))
 tissue = TissueModel.of(mesh, held_nodes(mesh, ["y_min", "y_max"]), Material(young_pa=6300.0, poisson=0.4))
 needle = NeedleModel.from_tube(Tube(0.09, 8, 1.27e-3, 0.838e-3, 200e9, 0.29))
 entry = np.array([0.012, 0.02, 0.0])
-channel = ChannelModel.of(spacing_m=0.01, spread_m=0.004, longest_m=0.09, mesh=mesh, entry_m=entry)
+channel = ChannelModel.of(spacing_m=0.01, spread_m=0.004, longest_m=0.09, mesh=mesh, entry_m=entry, hard=False)
 law = ContactLaw(friction=0.1, adhesion_n_per_m=10.0, cutting_n=0.1, puncture_n=0.1)
-model = CoupledModel(tissue, needle, channel, law, Tolerances(), entry, dt_s=0.01)
+across, along = cylinder_compliance(shear_pa=2250.0, poisson=0.4, needle_radius_m=6.35e-4, ball_radius_m=0.004)
+line = LineCoupling(False, np.diag([across, across, along]), free_tip=True, entry_m=1e-3, force_share_m_per_n=1e-3)
+model = CoupledModel(tissue, needle, channel, law, line, Tolerances(), entry, dt_s=0.01)
 insertion = Insertion(model)
 state = insertion.initial_state(np.array([0.0, 0.0, 1.0]))
 for _ in range(40):

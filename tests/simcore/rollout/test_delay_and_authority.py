@@ -12,7 +12,7 @@ import pytest
 from simcore.errors import Status
 from simcore.insertion.insertion import Insertion
 from simcore.rollout.authority import AUTHORITY, authority_arrays, authority_warnings
-from simcore.rollout.result import digest
+from simcore.rollout.digest import digest
 from simcore.rollout.rollout import run
 from simcore.scenario.scenario import InverseFem, OpenLoop
 from tests.simcore.short_run import LINE, STEPS, replay, short

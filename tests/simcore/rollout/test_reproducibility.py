@@ -15,7 +15,8 @@ import numpy as np
 import pytest
 
 from simcore.errors import Status
-from simcore.rollout.result import UNDIGESTED, Rollout, digest
+from simcore.rollout.digest import digest
+from simcore.rollout.result import FRAMES, TIMES, Rollout
 from simcore.rollout.rollout import run
 from simcore.scenario.scenario import Scenario
 from tests.verification import verify
@@ -94,7 +95,7 @@ def test_the_command_line_gives_what_a_call_gives(
 
 
 def _same(name: str, array: np.ndarray, here: Rollout) -> bool:
-    return name in UNDIGESTED or np.array_equal(array, here.series[name])
+    return name in (*TIMES, *FRAMES) or np.array_equal(array, here.series[name], equal_nan=array.dtype.kind == "f")
 
 
 PROGRAM = """

@@ -20,8 +20,9 @@ from simcore.metrics import MEASURED
 from simcore.rollout import rollout as module
 from simcore.rollout.artefacts import write
 from simcore.rollout.authority import AUTHORITY
+from simcore.rollout.digest import DIGESTED, LAST_TISSUE, digest
 from simcore.rollout.records import Scene, StepRecord
-from simcore.rollout.result import UNDIGESTED, Rollout, digest
+from simcore.rollout.result import FRAMES, TIMES, Rollout
 from simcore.rollout.rollout import run
 from simcore.scenario.scenario import Scenario
 from simcore.trajectory import held_noise
@@ -65,7 +66,7 @@ class Watcher:
 
 
 def state_of(rollout: Rollout) -> dict[str, np.ndarray]:
-    return {name: array for name, array in rollout.series.items() if name not in UNDIGESTED}
+    return {name: array for name, array in rollout.series.items() if name not in (*TIMES, *FRAMES)}
 
 
 # ---- reproducible to the bit
@@ -124,13 +125,29 @@ def test_the_clock_is_not_in_the_digest(plain: Rollout) -> None:
     assert slow.timing["simulated_s"] == pytest.approx(STEPS * 0.1)
 
 
-def test_every_array_is_in_the_digest(plain: Rollout) -> None:
+STATES = {*DIGESTED} - {LAST_TISSUE} | {"tissue_m"}  # of a series
+
+
+def test_a_bit_of_any_state_changes_the_digest_and_nothing_else_does(plain: Rollout) -> None:
     for name, array in plain.series.items():
         changed = {**plain.series, name: array.copy()}
         last = changed[name].reshape(-1)
         last[-1] = not last[-1] if array.dtype == bool else last[-1] + 1
-        assert (digest(changed) == plain.digest) == (name in UNDIGESTED and name != "tissue_m"), name
-    assert digest({**plain.series, "extra": np.zeros(1)}) != plain.digest
+        assert (digest(changed) != plain.digest) == (name in STATES), name
+
+
+def test_an_array_that_is_added_later_changes_no_digest_and_a_state_must_be_there(plain: Rollout) -> None:
+    assert plain.series.keys() > STATES
+    assert digest({**plain.series, "derived": np.zeros(1)}) == plain.digest
+    assert digest({name: plain.series[name] for name in STATES}) == plain.digest
+    for name in STATES:
+        with pytest.raises(KeyError, match=name):
+            digest({other: array for other, array in plain.series.items() if other != name})
+
+
+def test_no_clock_reading_is_digested_and_no_name_twice() -> None:
+    assert not {*DIGESTED} & {*TIMES, *FRAMES, *AUTHORITY}
+    assert len(DIGESTED) == len({*DIGESTED})
 
 
 PROGRAM = (
@@ -216,7 +233,7 @@ def test_the_observer_sees_the_rows_of_the_series(plain: Rollout) -> None:
     assert watcher.rollout is found
     assert [record.step for record in watcher.records] == list(range(STEPS + 1))
     for field in fields(StepRecord):
-        if field.name in found.series and field.name not in UNDIGESTED:
+        if field.name in found.series and field.name not in (*TIMES, *FRAMES):
             seen = np.array([getattr(record, field.name) for record in watcher.records])
             np.testing.assert_array_equal(seen, found.series[field.name], err_msg=field.name)
     frames = [record.step for record in watcher.records if record.tissue_m is not None]

