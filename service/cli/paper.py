@@ -1,14 +1,12 @@
-"""`needlebench paper`: the paper from data set to report, in a folder that survives every interruption."""
+"""`needlebench paper` and `needlebench settle`: experiments in folders that survive every interruption."""
 
 from __future__ import annotations
 
 import csv
 import io
 import json
-import tempfile
-import time
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, NamedTuple, TypeVar
+from typing import TYPE_CHECKING
 
 import click
 
@@ -16,26 +14,11 @@ from service.blas_threads import one_thread
 from simcore.errors import Problem, ScenarioError
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Mapping, Sequence
+    from collections.abc import Mapping
 
-    from benchmarks.cases import Outcome
-    from benchmarks.paper.pipeline import Findings, PaperPorts
-    from benchmarks.paper.plan import Plan, StagedPlan, StepCost
+    from benchmarks.paper.pipeline import Findings
+    from benchmarks.paper.plan import Plan
     from benchmarks.paper.scale import AnyScale
-    from service.worker.crew import Crew
-    from simcore.rollout.dataset import Dataset
-
-Result = TypeVar("Result")
-
-
-class RunOptions(NamedTuple):
-    """How an experiment is run. extend: None = it cannot be extended."""
-
-    path: Path
-    workers: int
-    only_plan: bool
-    any_commit: bool
-    extend: bool | None = None
 
 
 @click.command()
@@ -101,6 +84,7 @@ def paper(
     from benchmarks.paper.pipeline import rerun
     from benchmarks.paper.plan import Plan
     from benchmarks.paper.scale import SCALES
+    from service.local.experiment import RunOptions, carry_out
 
     scale = read_scale(scale_name, SCALES)
     if fields:
@@ -115,39 +99,69 @@ def paper(
     )
 
 
-def carry_out(
-    plan: StagedPlan,
-    options: RunOptions,
-    stages: Callable[[PaperPorts], Result],
-    write: Callable[[Result, float], Path],
-) -> None:
-    """Run an experiment's stages in its folder, or go on with them, write its report and print where that is.
+@click.command()
+@click.option(
+    "--scale",
+    "scale_name",
+    metavar="NAME",
+    default="smoke",
+    show_default=True,
+    help="smoke, full, or a JSON file with the fields of a scale (see --fields).",
+)
+@click.option(
+    "--out",
+    "path",
+    metavar="DIR",
+    default=Path("out/settling"),
+    show_default=True,
+    type=click.Path(file_okay=False, path_type=Path),
+    help="Folder of this run; the same command goes on where it was interrupted.",
+)
+@click.option("--workers", type=click.IntRange(1, 64), default=2, show_default=True, help="Processes, one thread each.")
+@click.option("--plan", "only_plan", is_flag=True, help="Say what would be run, how long it takes, and end.")
+@click.option("--any-commit", is_flag=True, help="Go on with a folder that another commit began.")
+@click.option("--fields", is_flag=True, help="Print the scale as JSON, with every field, and end.")
+def settle(scale_name: str, path: Path, workers: int, only_plan: bool, any_commit: bool, fields: bool) -> None:
+    """Run the experiment that settles the claim on curved paths: 20 cells along 80 paths.
 
-    write: result of the stages, wall time of this call in s -> path of the page.
+    I-FEM and ELM on two plants, with and without delay, and I-FEM with the remote centre weighted in three ways or
+    replaced by its axis; an ELM is trained on each plant first. Plan, margins and tests are fixed in the code, and
+    there is no way to add paths to a run that has begun. It goes on where it was interrupted, like `needlebench paper`.
+
+    \b
+    Does it work here, minutes:   needlebench settle --scale smoke --out out/smoke
+    The experiment, hours:        needlebench settle --scale full --out out/settling
+    What would that be:           needlebench settle --scale full --plan
+    With models of one's own:     needlebench settle --scale full --fields > mine.json
+                                  needlebench settle --scale mine.json
+
+    \b
+    In DIR: settling.html, settling.json, cases.csv (one line an insertion), pareto.svg, results/ID.json, series/ID.npz,
+    dataset-PLANT.npz, models/elm-PLANT.json.
+
+    \b
+    Exit code: 0 done   2 bad scale or folder, too little space   1 crash   130 Ctrl-C
     """
-    from service.worker.crew import Crew
+    one_thread()
+    from benchmarks.settling.pipeline import settle as run_stages
+    from benchmarks.settling.plan import SettlingPlan
+    from benchmarks.settling.report import write
+    from benchmarks.settling.scale import SCALES
+    from service.local.experiment import RunOptions, carry_out, origin_of
 
-    path, workers = options.path, options.workers
-    if options.only_plan:
-        with (
-            tempfile.TemporaryDirectory(prefix="needlebench-") as scratch,
-            Crew(workers, folder=Path(scratch), files=Path(scratch)) as crew,
-        ):
-            _print_plan(plan, workers, crew)
+    scale = read_scale(scale_name, SCALES)
+    if fields:
+        click.echo(scale.model_dump_json(indent=1))
         return
-    from service.local.paper_folder import open_folder
-    from service.local.paper_progress import progress_on
-    from service.local.paper_run import PaperRun, check_needs, identity
-
-    check_needs(plan, path, workers)
-    with open_folder(path, identity(plan), any_commit=options.any_commit, extend=options.extend) as folder:
-        with Crew(workers, folder=folder.series, files=path.absolute()) as crew:
-            cost = _print_plan(plan, workers, crew)
-            begun = time.monotonic()
-            with progress_on(plan, cost, workers) as listener:
-                result = PaperRun(folder, crew, listener, trainer(plan)).run(stages)
-        page = write(result, time.monotonic() - begun)
-    click.echo(page)
+    plan = SettlingPlan(scale)
+    carry_out(
+        plan,
+        RunOptions(path, workers, only_plan, any_commit, extend=None),
+        lambda ports: run_stages(plan, ports),
+        lambda outcomes, wall_s: write(
+            outcomes, scale, path, origin_of(plan, outcomes, wall_s=wall_s, workers=workers)
+        ),
+    )
 
 
 def read_scale(name: str, scales: Mapping[str, AnyScale]) -> AnyScale:
@@ -167,24 +181,6 @@ def read_scale(name: str, scales: Mapping[str, AnyScale]) -> AnyScale:
     return scale_of(data, kind, field="--scale")
 
 
-def trainer(plan: StagedPlan) -> Callable[[str, int, Dataset], str]:
-    """Trains a model of a kind, seed and data set; the text of its file."""
-    from benchmarks.learning.training import train_model
-    from service.worker.network_trainer import train_network
-    from simcore import learning
-
-    def train(kind: str, seed: int, data: Dataset) -> str:
-        makers: dict[str, Callable[[], learning.Regressor]] = {
-            "elm": lambda: learning.ExtremeLearningMachine(nodes=plan.scale.nodes, seed=seed),
-            "linear": learning.LinearModel,
-            "neighbours": learning.NearestNeighbours,
-            "mlp": lambda: learning.MultilayerPerceptron(seed=seed, trainer=train_network),
-        }
-        return train_model(data, makers[kind](), split="sample").model.text()
-
-    return train
-
-
 # ---- what is written at the end
 
 
@@ -192,6 +188,7 @@ def write_report(findings: Findings, plan: Plan, path: Path, *, wall_s: float, w
     """report.html, report.json, insertions.csv, predictions.csv; the path of the first."""
     from benchmarks.paper import report
     from benchmarks.paper.pipeline import cpu_seconds, paper_outcomes
+    from service.local.experiment import origin_of
     from service.local.paper_folder import write_text
 
     write_text(path / "predictions.csv", predictions_csv(findings))
@@ -211,26 +208,6 @@ def write_report(findings: Findings, plan: Plan, path: Path, *, wall_s: float, w
     return path / report.HTML
 
 
-def origin_of(plan: StagedPlan, outcomes: Sequence[Outcome], *, wall_s: float, workers: int) -> dict[str, Any]:
-    """Where the numbers of a report come from: machine and versions, plan, cases, commits, cost."""
-    from benchmarks.cases import Suite
-    from benchmarks.paper.pipeline import commits, cpu_seconds
-    from simcore.provenance import provenance
-
-    origin = provenance(outcomes[0].case.scenario)
-    del origin["scenario"], origin["seed"]
-    return origin | {
-        "scale": plan.scale.model_dump(mode="json"),
-        "plan_sha256": plan.sha256,
-        "cases_sha256": Suite(name="all", title="", cases=tuple(outcome.case for outcome in outcomes)).sha256,
-        "insertions": len(outcomes),
-        "insertions_by_commit": commits(outcomes),
-        "insertions_cpu_s": round(cpu_seconds(outcomes), 1),
-        "last_call_wall_s": round(wall_s, 1),
-        "workers": workers,
-    }
-
-
 def predictions_csv(findings: Findings) -> str:
     """A line for each trained ELM: what was varied, and its errors of Delta P in mm."""
     text = io.StringIO()
@@ -239,24 +216,3 @@ def predictions_csv(findings: Findings) -> str:
     writer.writeheader()
     writer.writerows(table)
     return text.getvalue()
-
-
-# ---- what is shown
-
-
-def _print_plan(plan: StagedPlan, workers: int, crew: Crew) -> StepCost:
-    """Measure what a step costs, print the plan; the cost."""
-    from service.local.paper_progress import minutes
-    from service.local.paper_run import measured_cost
-
-    click.echo("measuring what a step costs (the first run on a machine compiles for half a minute)", err=True)
-    cost = measured_cost(plan, crew)
-    seconds = plan.seconds(cost, workers)
-    steps_ms = f"{1e3 * cost.ifem_s:.1f} ms CPU a step with I-FEM, {1e3 * cost.plain_s:.1f} ms without"
-    click.echo(f"scale {plan.scale.name}: {steps_ms}, {workers} workers")
-    for stage in plan.stages:
-        alone = ", one worker" if stage.alone else ""
-        click.echo(f"  {stage.title:<12}{len(stage.cases):>6} insertions {minutes(seconds[stage.title]):>9}{alone}")
-    total = minutes(sum(seconds.values()))
-    click.echo(f"  {'all':<12}{plan.insertions:>6} insertions {total:>9} and about {plan.bytes / 1e6:.0f} MB")
-    return cost
