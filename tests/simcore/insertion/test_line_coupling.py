@@ -17,7 +17,8 @@ from tests.simcore.block import AHEAD, Trip, bare_gaps, curved_pose, curved_trip
 from tests.verification import verify
 
 if TYPE_CHECKING:
-    from simcore.insertion.state import Bodies, InsertionState
+    from simcore.insertion.insertion import InsertionState
+    from simcore.insertion.state import Bodies
     from simcore.needle.model import NeedleModel
 
 Vector = np.ndarray
@@ -142,7 +143,7 @@ def test_a_free_tip_bears_no_lateral_force_and_the_others_obey_their_compliance(
 def test_points_come_and_go_without_a_force_of_their_own() -> None:
     """The largest force of any point at its first step, and at its last one before it is dropped, is a small share of
     the largest of all, and falls with the step: C = G / l is infinite where l is 0."""
-    firsts, lasts, largest = [], [], 0.0
+    firsts, lasts, largest = list[float](), list[float](), 0.0
     for before, after in pairwise(smooth_trip(3.0).states):
         old, new = set(before.solved.active.elements), set(after.solved.active.elements)
         for state, ones, into in ((after, new - old, firsts), (before, old - new, lasts)):

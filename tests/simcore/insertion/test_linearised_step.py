@@ -21,7 +21,7 @@ from tests.simcore.block import AHEAD, advanced, block_scenario, curved_pose, mo
 from tests.simcore.short_run import short
 
 if TYPE_CHECKING:
-    from simcore.insertion.state import InsertionState
+    from simcore.insertion.insertion import InsertionState
     from simcore.rollout.result import Rollout
 
 LINEARISED = {"mode": "linearised"}
