@@ -136,8 +136,7 @@ class Tissue(Block):
 
     @property
     def cells(self) -> tuple[int, int, int]:
-        """Cells along x, y, z: 2 round(size / (2 element_size)), at least 2. Even, so that the mesh is its own mirror
-        image and nodes lie in the middle."""
+        """Cells along x, y, z: 2 round(edge / 2h), at least 2; a mirror image of itself, with nodes in the middle."""
         x, y, z = (2 * max(1, round(edge / (2.0 * self.element_size_mm))) for edge in self.size_mm)
         return x, y, z
 
