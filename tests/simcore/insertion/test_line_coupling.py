@@ -182,8 +182,8 @@ def end_of_short_path(spacing_mm: float, spread_mm: float, element_mm: float) ->
 @pytest.mark.parametrize(
     ("name", "setting", "bound_mm"),
     [
-        ("spacing 4 mm", (4.0, 6.0, 6.0), 0.05),
-        ("spacing 2 mm", (2.0, 6.0, 6.0), 0.05),
+        ("spacing 4 mm", (4.0, 6.0, 6.0), 0.15),
+        ("spacing 2 mm", (2.0, 6.0, 6.0), 0.15),
         ("ball of 4 mm", (3.0, 4.0, 6.0), 0.1),
         ("h = 8 mm", (3.0, 6.0, 8.0), 0.1),
     ],
@@ -191,8 +191,9 @@ def end_of_short_path(spacing_mm: float, spread_mm: float, element_mm: float) ->
 def test_spacing_ball_and_mesh_hardly_move_the_tip(
     name: str, setting: tuple[float, float, float], bound_mm: float
 ) -> None:
-    """End of an open-loop way of 40 mm, which bends the needle, against the default of 3, 6 and 6 mm: within the
-    bounds that the coupling was made for."""
+    """End of an open-loop way of 40 mm, which bends the needle and drags the entry by 1 mm, against the default of 3, 6
+    and 6 mm. Where the entry is held, spacing moves the tip by 0.02 mm (`needlebench bench convergence`); dragged, it
+    is of first order in the half cell that the entry stands for."""
     apart = np.linalg.norm(end_of_short_path(*setting) - end_of_short_path(3.0, 6.0, 6.0))
     text, source = f"open loop over 40 mm, {name} against spacing 3, ball 6, h 6 mm: tip", "a coupling with a limit"
     check(text, expected=0, measured=apart, tolerance=bound_mm, source=source, unit="mm")
