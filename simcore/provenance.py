@@ -69,10 +69,10 @@ def _compiled_for() -> dict[str, str]:
     from numba import config
     from numba.core import codegen
 
-    features = getattr(config, "CPU_FEATURES", None) or codegen.get_host_cpu_features()
+    features = getattr(config, "CPU_FEATURES", None) or codegen.get_host_cpu_features()  # type: ignore[no-untyped-call]
     enabled = sorted(name[1:] for name in features.split(",") if name.startswith("+"))
     return {
-        "llvm_cpu": getattr(config, "CPU_NAME", None) or codegen.ll.get_host_cpu_name(),
+        "llvm_cpu": getattr(config, "CPU_NAME", None) or codegen.ll.get_host_cpu_name(),  # type: ignore[attr-defined]
         "llvm_features": " ".join(enabled),
     }
 
