@@ -66,13 +66,13 @@ def _processor() -> str:
 @cache
 def _compiled_for() -> dict[str, str]:
     """Processor and features that kernels are compiled for: they decide which instructions round."""
-    from llvmlite import binding  # type: ignore[import-untyped]
     from numba import config
+    from numba.core import codegen
 
-    features = getattr(config, "CPU_FEATURES", None) or binding.get_host_cpu_features().flatten()
+    features = getattr(config, "CPU_FEATURES", None) or codegen.get_host_cpu_features()  # type: ignore[no-untyped-call]
     enabled = sorted(name[1:] for name in features.split(",") if name.startswith("+"))
     return {
-        "llvm_cpu": getattr(config, "CPU_NAME", None) or binding.get_host_cpu_name(),
+        "llvm_cpu": getattr(config, "CPU_NAME", None) or codegen.ll.get_host_cpu_name(),  # type: ignore[attr-defined]
         "llvm_features": " ".join(enabled),
     }
 

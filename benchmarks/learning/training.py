@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 Vector = NDArray[np.float64]
 
 SPLITS = ("sample", "trajectory")
-TRAINED_ON = ("dt_s", "tissue", "needle", "interaction", "motion", "robot")
+TRAINED_ON = ("dt_s", "tissue", "needle", "interaction", "motion", "robot", "solver")
 
 
 @dataclass(frozen=True)

@@ -78,7 +78,7 @@ def judge_without_exception(known: Sequence[Score], exceptions: str) -> tuple[st
     """Verdict of a claim about all insertions, and why; exceptions: those that there are, in words."""
     if exceptions:
         return NOT_REPRODUCED, exceptions
-    count, points = sum(score.insertions for score in known), min(score.end_points for score in known)
+    count, points = sum(score.insertions - score.failed for score in known), min(score.end_points for score in known)
     if points < PAPER_END_POINTS:
         return UNDECIDED, f"holds in all {count} insertions, but {points} end points are too few to say “all”"
     return REPRODUCED, f"holds in all {count} insertions"

@@ -12,10 +12,10 @@ from typing import TYPE_CHECKING, Any, Protocol
 
 import numpy as np
 
-from benchmarks.cases import Case, Label, Outcome, Suite
+from benchmarks.cases import Case, Label, Outcome
 from benchmarks.learning.training_insertions import Insertion, collect_dataset
 from benchmarks.paper.learning import LearningCurves, learning_curves
-from benchmarks.paper.plan import Plan, Stage, elm_names, model_names
+from benchmarks.paper.plan import Plan, Stage, StagedPlan, elm_names, model_names
 from benchmarks.paper.retraining import LABEL, training_conditions
 from benchmarks.paper.suites import resolve_cases
 from benchmarks.paper.table import TRAINING
@@ -27,6 +27,7 @@ if TYPE_CHECKING:
     from simcore.rollout.dataset import Dataset, Table
 
 DATA_SEED = 0
+DATASET = "dataset.npz"
 RECORDED_ARMS, RECORDED_GROUPS = ("ifem", "elm"), ("LIN", "CUR")
 
 
@@ -49,8 +50,8 @@ class PaperPorts(Protocol):
     def table(self, case: Case) -> Table:
         """Table I of a finished training insertion."""
 
-    def keep(self, data: Dataset) -> None:
-        """Store the data set."""
+    def keep(self, name: str, data: Dataset) -> None:
+        """Store a data set under a name."""
 
     def train(self, kind: str, seed: int, data: Dataset) -> str:
         """Content of a model file."""
@@ -74,25 +75,19 @@ class Findings:
     learning: LearningCurves
     recordings: dict[str, str]
 
-    @property
-    def cases_sha256(self) -> str:
-        """Digest of all cases as they were run, digests of trained models included."""
-        cases = tuple(outcome.case for outcome in (*self.outcomes, *self.timing))
-        return Suite(name="all", title="", cases=cases).sha256
-
 
 def rerun(plan: Plan, ports: PaperPorts) -> Findings:
     """Run every stage of the plan."""
     training, *stages = plan.stages
-    first = _run_stage(training, ports, training.cases)
+    first = run_stage(training, ports, training.cases)
     data = gather_dataset(plan, first, ports.table)
-    ports.keep(data)
+    ports.keep(DATASET, data)
     for name, kind, seed in model_files(plan):
         if not ports.stored(name):
             ports.store(name, ports.train(kind, seed, data))
     outcomes, timing = list(first), list[Outcome]()
     for stage in stages:
-        stage_outcomes = _run_stage(stage, ports, stage.cases if stage.trains else resolve_cases(stage.cases))
+        stage_outcomes = run_stage(stage, ports, stage.cases if stage.trains else resolve_cases(stage.cases))
         if stage.trains:
             _train_others(plan, stage_outcomes, ports)
         (timing if stage.alone else outcomes).extend(stage_outcomes)
@@ -115,7 +110,7 @@ def _train_others(plan: Plan, outcomes: Sequence[Outcome], ports: PaperPorts) ->
             ports.store(condition.model, ports.train("elm", 0, gather_dataset(plan, mine, ports.table)))
 
 
-def _run_stage(stage: Stage, ports: PaperPorts, cases: Sequence[Case]) -> list[Outcome]:
+def run_stage(stage: Stage, ports: PaperPorts, cases: Sequence[Case]) -> list[Outcome]:
     """The outcomes in the order of the cases, whichever ended first."""
     ports.begin(stage)
     run = ports.run_alone if stage.alone else ports.run_many
@@ -123,8 +118,8 @@ def _run_stage(stage: Stage, ports: PaperPorts, cases: Sequence[Case]) -> list[O
     return [outcomes[case.id] for case in cases]
 
 
-def gather_dataset(plan: Plan, outcomes: Sequence[Outcome], table: Callable[[Case], Table]) -> Dataset:
-    """The data set of finished insertions; those that ended without a step are left out. Raises NothingToLearn."""
+def gather_dataset(plan: StagedPlan, outcomes: Sequence[Outcome], table: Callable[[Case], Table]) -> Dataset:
+    """The data set of finished insertions; those that ended without a step are left out. Raises EmptyDatasetError."""
     useful = [outcome for outcome in outcomes if outcome.result["metrics"]["steps_completed"]]
     if not useful:
         raise EmptyDatasetError(
@@ -193,7 +188,7 @@ def paper_outcomes(findings: Findings) -> list[Outcome]:
     return [outcome for outcome in findings.outcomes if own(outcome.case.labels)]
 
 
-def commits(findings: Findings) -> dict[str, int]:
+def commits(outcomes: Iterable[Outcome]) -> dict[str, int]:
     """How many insertions were run at each commit: a report may be written by later code than they were run by."""
-    each = (o.result["provenance"].get("commit", "unknown") for o in (*findings.outcomes, *findings.timing))
+    each = (outcome.result["provenance"].get("commit", "unknown") for outcome in outcomes)
     return dict(Counter(each))

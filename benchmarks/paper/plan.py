@@ -1,13 +1,15 @@
-"""What a rerun of the paper will do before it does it: its stages, how long they take, how much they store."""
+"""What an experiment will do before it does it, the rerun of the paper first of all: its stages, how long they take,
+how much they store."""
 
 from __future__ import annotations
 
 import hashlib
 import json
 import math
+from abc import ABC, abstractmethod
 from dataclasses import dataclass
 from functools import cached_property
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, ClassVar
 
 from benchmarks.cases import Case
 from benchmarks.paper.suites import paper_cases, seed_cases, sensitivity_cases, timing_cases, training_cases
@@ -16,7 +18,7 @@ from benchmarks.paper.training_study import other_training_cases, quiet_cases, t
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from benchmarks.paper.scale import Scale
+    from benchmarks.paper.scale import ExperimentScale, Scale
 
 SPEED_MM_S = 10.0
 PERTURBATION_SOLVES = 18.0  # cost of a step whose Jacobian is perturbed, in plain steps; measured
@@ -56,25 +58,17 @@ class Stage:
     trains: bool = False
 
 
-@dataclass(frozen=True)
-class Plan:
-    """All stages of a scale. The cases are drafts: the models that they name are trained on the way."""
+class StagedPlan(ABC):
+    """All stages of an experiment's scale. The cases are drafts: the models that they name are trained on the way."""
 
-    scale: Scale
+    schema: ClassVar[str]  # of the run.json of its folder
+    scale: ExperimentScale
+    recorded = 0  # insertions that are run again for a recording
 
     @cached_property
+    @abstractmethod
     def stages(self) -> tuple[Stage, ...]:
         """In the order in which they are run."""
-        scale = self.scale
-        stages = (
-            Stage("data set", tuple(training_cases(scale)), trains=True),
-            Stage("other data sets", tuple(other_training_cases(scale)), trains=True),
-            Stage("experiments", (*paper_cases(scale, model_names()), *quiet_cases(scale))),
-            Stage("ELM seeds", tuple(seed_cases(scale, elm_names(scale)))),
-            Stage("sensitivity", (*sensitivity_cases(scale, model_names()), *training_study_cases(scale))),
-            Stage("timing", tuple(timing_cases(scale, model_names())), alone=True),
-        )
-        return tuple(stage for stage in stages if stage.cases)
 
     @property
     def insertions(self) -> int:
@@ -101,9 +95,35 @@ class Plan:
         for stage in self.stages:
             each = WHOLE_BYTES if stage.trains else STATE_BYTES
             total += sum(CASE_BYTES + each * steps(case) for case in stage.cases)
-        recorded = 3 * RECORDED_ARMS + self.scale.recordings
         longest = max(steps(case) for case in self.stages[0].cases)
-        return math.ceil(total + recorded * longest * RECORDING_BYTES)
+        return math.ceil(total + self.recorded * longest * RECORDING_BYTES)
+
+
+@dataclass(frozen=True)
+class Plan(StagedPlan):
+    """The rerun of the paper."""
+
+    schema: ClassVar[str] = "needlebench/paper-run/1"
+    scale: Scale
+
+    @property
+    def recorded(self) -> int:  # type: ignore[override]
+        """Best, median and worst of the chosen arms, and the failures that the scale asks for."""
+        return 3 * RECORDED_ARMS + self.scale.recordings
+
+    @cached_property
+    def stages(self) -> tuple[Stage, ...]:
+        """In the order in which they are run."""
+        scale = self.scale
+        stages = (
+            Stage("data set", tuple(training_cases(scale)), trains=True),
+            Stage("other data sets", tuple(other_training_cases(scale)), trains=True),
+            Stage("experiments", (*paper_cases(scale, model_names()), *quiet_cases(scale))),
+            Stage("ELM seeds", tuple(seed_cases(scale, elm_names(scale)))),
+            Stage("sensitivity", (*sensitivity_cases(scale, model_names()), *training_study_cases(scale))),
+            Stage("timing", tuple(timing_cases(scale, model_names())), alone=True),
+        )
+        return tuple(stage for stage in stages if stage.cases)
 
 
 def elm_names(scale: Scale) -> list[str]:
@@ -123,7 +143,7 @@ def steps(case: Case) -> int:
     return math.ceil(length / (SPEED_MM_S * float(case.scenario["dt_s"])))
 
 
-def probes(scale: Scale) -> Sequence[Case]:
+def probes(scale: ExperimentScale) -> Sequence[Case]:
     """Two insertions whose CPU time tells what the others will cost: with I-FEM and without."""
     case = training_cases(scale)[0]
     plain = {**case.scenario, "controller": {"kind": "open_loop"}}

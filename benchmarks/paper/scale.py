@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from typing import Annotated, Any
+from typing import Annotated, Any, TypeVar
 
 from pydantic import BaseModel, ConfigDict, Field, StringConstraints, ValidationError
 
@@ -14,11 +14,8 @@ Count = Annotated[int, Field(strict=True, ge=0, le=1000)]
 Positive = Annotated[int, Field(strict=True, ge=1, le=100_000)]
 
 
-class Scale(BaseModel):
-    """Counts of insertions and the discretisation that all of them share.
-
-    Subsets are the first end points of the same list, so that a smaller scale is part of a larger one.
-    """
+class ExperimentScale(BaseModel):
+    """What every experiment's scale settles: the discretisation that all insertions share, data set and ELM."""
 
     model_config = ConfigDict(extra="forbid", frozen=True, hide_input_in_errors=True)
 
@@ -33,12 +30,23 @@ class Scale(BaseModel):
         "the claims read it: it may be set later",
     )
     training: int = Field(105, ge=1, le=105, description="data-set insertions, of the 7 x 15 grid")
+    samples: Positive = Field(10_000, description="samples drawn from them")
+    nodes: Positive = Field(25, description="hidden nodes of the ELM")
+
+
+AnyScale = TypeVar("AnyScale", bound=ExperimentScale)
+
+
+class Scale(ExperimentScale):
+    """Counts of insertions of the paper's rerun.
+
+    Subsets are the first end points of the same list, so that a smaller scale is part of a larger one.
+    """
+
     retraining: Count = Field(
         105, le=105, description="insertions of each data set of the training study; 0 = no such study, else 2 or more"
     )
     quiet: int = Field(100, ge=0, le=100, description="end points of the ELM trained without noise, LIN and CUR")
-    samples: Positive = Field(10_000, description="samples drawn from them")
-    nodes: Positive = Field(25, description="hidden nodes of the ELM")
     seeds: int = Field(20, ge=1, le=100, description="ELM trainings that differ in their random input weights")
     lin: int = Field(
         100, ge=1, le=100, description="straight test paths; each of four sine overlays over `cur` of them"
@@ -135,12 +143,12 @@ SCALE_TEXT = {
 }
 
 
-def scale_of(data: Any, *, field: str) -> Scale:
-    """A scale from JSON data. Raises ScenarioError, which names every wrong field."""
+def scale_of(data: Any, kind: type[AnyScale], *, field: str) -> AnyScale:
+    """A scale of an experiment from JSON data. Raises ScenarioError, which names every wrong field."""
     text = json.dumps(data)
     try:
-        return Scale.model_validate_json(text)
+        return kind.model_validate_json(text)
     except ValidationError as error:
-        raise ScenarioError(problems_of(error, Scale, text)) from None
+        raise ScenarioError(problems_of(error, kind, text)) from None
     except RecursionError:
         raise ScenarioError([Problem(field, type(data).__name__, "is nested too deeply")]) from None

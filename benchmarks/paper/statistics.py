@@ -124,6 +124,18 @@ def sign_test(values: Sequence[float] | Vector) -> SignTest:
     return SignTest(below, above, int((signs == 0).sum()), p)
 
 
+def holm(p_values: Sequence[float] | Vector) -> Vector:
+    """Holm's step-down adjustment: as many planned tests as values, of which one that could not be made (NaN) counts as
+    1. A test rejected at level a by its adjusted p keeps the chance of any false rejection among all below a."""
+    known = np.asarray(p_values, float)
+    known = np.where(np.isnan(known), 1.0, known)
+    order = np.argsort(known, kind="stable")
+    stepped = np.maximum.accumulate(known[order] * np.arange(len(known), 0, -1))
+    adjusted: Vector = np.empty_like(known)
+    adjusted[order] = np.minimum(stepped, 1.0)
+    return adjusted
+
+
 def mann_whitney_p(first: Sequence[float] | Vector, second: Sequence[float] | Vector) -> float:
     """Two-tailed Mann-Whitney U, unpaired; nan if a side is empty, 1 if all values are the same."""
     from scipy import stats

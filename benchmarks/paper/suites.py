@@ -13,7 +13,7 @@ from typing import Any
 from benchmarks.cases import Case, Label, Suite
 from benchmarks.learning.training_insertions import NOISE_MM, training_insertions
 from benchmarks.paper.sampling import DIRECTIONS, ENTRY_MM, end_points_mm, young_kpa
-from benchmarks.paper.scale import SCALES, Scale
+from benchmarks.paper.scale import SCALES, ExperimentScale, Scale
 from benchmarks.paper.variations import VARIATIONS, apply_variation
 from simcore.errors import Problem, ScenarioError
 from simcore.scenario.scenario import Scenario
@@ -70,14 +70,14 @@ def curved_paths(count: int, directions: int = 4) -> list[Path]:
 # ---- scenarios and cases
 
 
-def scenario(name: str, scale: Scale, *, seed: int, noise_mm: float = 0.0, **blocks: Json) -> Json:
+def scenario(name: str, scale: ExperimentScale, *, seed: int, noise_mm: float = 0.0, **blocks: Json) -> Json:
     """A scenario of the experiments before defaults; `blocks` adds fields to its blocks."""
     shared = discretisation(scale)
     shared["tissue"] |= blocks.pop("tissue", {})
     return {"name": name, "seed": seed, "noise_mm": noise_mm, "recording": {"enabled": False}, **shared, **blocks}
 
 
-def discretisation(scale: Scale) -> Json:
+def discretisation(scale: ExperimentScale) -> Json:
     """The fields of every scenario that the scale settles."""
     return {"dt_s": scale.dt_s, "tissue": {"element_size_mm": scale.element_size_mm}}
 
@@ -138,7 +138,7 @@ def cases_along(
 # ---- the experiments
 
 
-def training_cases(scale: Scale) -> list[Case]:
+def training_cases(scale: ExperimentScale) -> list[Case]:
     """The data set: straight I-FEM insertions to the training grid with uniform target noise of +-0.25 mm."""
     return list(training_insertions(insertions=scale.training, seed=0, changes=discretisation(scale)))
 

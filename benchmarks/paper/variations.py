@@ -38,7 +38,7 @@ VARIATIONS = (
     Variation("gain", "0.5", (("controller.gain", 0.5),), ifem_only=True),
     Variation("gain", "1.5", (("controller.gain", 1.5),), ifem_only=True),
     Variation("direction speed", "100 mm/s", (("controller.direction_speed_mm_s", 100.0),), ifem_only=True),
-    Variation("direction speed", "1000 mm/s", (("controller.direction_speed_mm_s", 1000.0),), ifem_only=True),
+    Variation("direction speed", "300 mm/s", (("controller.direction_speed_mm_s", 300.0),), ifem_only=True),
     Variation("speed limit", "25 mm/s", (("robot.max_speed_mm_s", 25.0),)),
     Variation("speed limit", "100 mm/s", (("robot.max_speed_mm_s", 100.0),)),
     Variation("turn limit", "15 deg/s", (("robot.max_turn_deg_s", 15.0),)),

@@ -85,4 +85,4 @@ def _change_ratio(p: float, coarse_ratio: float, fine_ratio: float) -> float:
     """Of the changes of A + B h^p from coarse to middle and from middle to fine."""
     if abs(p) < 1e-9:
         return math.log(coarse_ratio) / math.log(fine_ratio)
-    return math.expm1(p * math.log(coarse_ratio)) * fine_ratio**p / math.expm1(p * math.log(fine_ratio))
+    return float(math.expm1(p * math.log(coarse_ratio)) * fine_ratio**p / math.expm1(p * math.log(fine_ratio)))

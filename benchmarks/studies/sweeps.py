@@ -106,7 +106,7 @@ def _coupling_values() -> tuple[tuple[str, float, dict[str, Any]], ...]:
 
 def _face_values() -> tuple[tuple[str, float, dict[str, Any]], ...]:
     sides = {
-        "y": ["y_min", "y_max"],
+        "y": None,  # the default: y_min and y_max
         "y+z": ["y_min", "y_max", "z_max"],
         "y+x0": ["y_min", "y_max", "x_min"],
         "y+x": ["y_min", "y_max", "x_min", "x_max"],

@@ -31,6 +31,7 @@ _COMMANDS = {  # name -> (module, what it does); the order is that of the help
     "cancel": ("jobs", "Cancel a job of a service."),
     "dataset": ("learning", "Run the insertions that learned controllers are trained on."),
     "paper": ("paper", "Rerun the paper: data set, ELM, insertions, statistics, report."),
+    "settle": ("paper", "Run the experiment that settles the claim on curved paths."),
     "train": ("learning", "Train the model of a learned controller."),
     "models": ("models", "List the models of a service, or train one."),
     "mesh": ("meshes", "Show what a mesh file holds: extents, quality, sets, places to enter."),

@@ -1,14 +1,10 @@
-"""`needlebench paper`: the paper from data set to report, in a folder that survives every interruption."""
+"""`needlebench paper` and `needlebench settle`: experiments in folders that survive every interruption."""
 
 from __future__ import annotations
 
 import csv
 import io
 import json
-import sys
-import tempfile
-import time
-from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -18,20 +14,11 @@ from service.blas_threads import one_thread
 from simcore.errors import Problem, ScenarioError
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator
+    from collections.abc import Mapping
 
-    from rich.progress import Progress
-
-    from benchmarks.cases import Outcome
     from benchmarks.paper.pipeline import Findings
-    from benchmarks.paper.plan import Plan, Stage, StepCost
-    from benchmarks.paper.scale import Scale
-    from service.local.paper_run import ProgressListener
-    from service.worker.crew import Crew
-    from simcore.rollout.dataset import Dataset
-
-LINE_EVERY_S = 20.0  # of a progress that goes to no terminal
-PACE_OVER_S = 120.0
+    from benchmarks.paper.plan import Plan
+    from benchmarks.paper.scale import AnyScale
 
 
 @click.command()
@@ -94,93 +81,120 @@ def paper(
     Exit code: 0 done   2 bad scale or folder, too little space   1 crash   130 Ctrl-C
     """
     one_thread()
+    from benchmarks.paper.pipeline import rerun
     from benchmarks.paper.plan import Plan
+    from benchmarks.paper.scale import SCALES
+    from service.local.experiment import RunOptions, carry_out
 
+    scale = read_scale(scale_name, SCALES)
     if fields:
-        click.echo(read_scale(scale_name).model_dump_json(indent=1))
+        click.echo(scale.model_dump_json(indent=1))
         return
-    plan = Plan(read_scale(scale_name))
-    from service.worker.crew import Crew
+    plan = Plan(scale)
+    carry_out(
+        plan,
+        RunOptions(path, workers, only_plan, any_commit, extend),
+        lambda ports: rerun(plan, ports),
+        lambda findings, wall_s: write_report(findings, plan, path, wall_s=wall_s, workers=workers),
+    )
 
-    if only_plan:
-        with (
-            tempfile.TemporaryDirectory(prefix="needlebench-") as scratch,
-            Crew(workers, folder=Path(scratch), files=Path(scratch)) as crew,
-        ):
-            _print_plan(plan, workers, crew)
+
+@click.command()
+@click.option(
+    "--scale",
+    "scale_name",
+    metavar="NAME",
+    default="smoke",
+    show_default=True,
+    help="smoke, full, or a JSON file with the fields of a scale (see --fields).",
+)
+@click.option(
+    "--out",
+    "path",
+    metavar="DIR",
+    default=Path("out/settling"),
+    show_default=True,
+    type=click.Path(file_okay=False, path_type=Path),
+    help="Folder of this run; the same command goes on where it was interrupted.",
+)
+@click.option("--workers", type=click.IntRange(1, 64), default=2, show_default=True, help="Processes, one thread each.")
+@click.option("--plan", "only_plan", is_flag=True, help="Say what would be run, how long it takes, and end.")
+@click.option("--any-commit", is_flag=True, help="Go on with a folder that another commit began.")
+@click.option("--fields", is_flag=True, help="Print the scale as JSON, with every field, and end.")
+def settle(scale_name: str, path: Path, workers: int, only_plan: bool, any_commit: bool, fields: bool) -> None:
+    """Run the experiment that settles the claim on curved paths: 20 cells along 80 paths.
+
+    I-FEM and ELM on two plants, with and without delay, and I-FEM with the remote centre weighted in three ways or
+    replaced by its axis; an ELM is trained on each plant first. Plan, margins and tests are fixed in the code, and
+    there is no way to add paths to a run that has begun. It goes on where it was interrupted, like `needlebench paper`.
+
+    \b
+    Does it work here, minutes:   needlebench settle --scale smoke --out out/smoke
+    The experiment, hours:        needlebench settle --scale full --out out/settling
+    What would that be:           needlebench settle --scale full --plan
+    With models of one's own:     needlebench settle --scale full --fields > mine.json
+                                  needlebench settle --scale mine.json
+
+    \b
+    In DIR: settling.html, settling.json, cases.csv (one line an insertion), pareto.svg, results/ID.json, series/ID.npz,
+    dataset-PLANT.npz, models/elm-PLANT.json.
+
+    \b
+    Exit code: 0 done   2 bad scale or folder, too little space   1 crash   130 Ctrl-C
+    """
+    one_thread()
+    from benchmarks.settling.pipeline import settle as run_stages
+    from benchmarks.settling.plan import SettlingPlan
+    from benchmarks.settling.report import write
+    from benchmarks.settling.scale import SCALES
+    from service.local.experiment import RunOptions, carry_out, origin_of
+
+    scale = read_scale(scale_name, SCALES)
+    if fields:
+        click.echo(scale.model_dump_json(indent=1))
         return
-    from service.local.paper_folder import open_folder
-    from service.local.paper_run import PaperRun, check_needs, identity
-
-    check_needs(plan, path, workers)
-    with open_folder(path, identity(plan), any_commit=any_commit, extend=extend) as folder:
-        with Crew(workers, folder=folder.series, files=path.absolute()) as crew:
-            cost = _print_plan(plan, workers, crew)
-            begun = time.monotonic()
-            with _progress_on(plan, cost, workers) as listener:
-                findings = PaperRun(plan, folder, crew, listener, trainer(plan)).run()
-        write_report(findings, plan, path, wall_s=time.monotonic() - begun, workers=workers)
-    click.echo(path / "report.html")
+    plan = SettlingPlan(scale)
+    carry_out(
+        plan,
+        RunOptions(path, workers, only_plan, any_commit, extend=None),
+        lambda ports: run_stages(plan, ports),
+        lambda outcomes, wall_s: write(
+            outcomes, scale, path, origin_of(plan, outcomes, wall_s=wall_s, workers=workers)
+        ),
+    )
 
 
-def read_scale(name: str) -> Scale:
+def read_scale(name: str, scales: Mapping[str, AnyScale]) -> AnyScale:
     """A scale by name or from a JSON file. Raises ScenarioError."""
-    from benchmarks.paper.scale import SCALES, scale_of
+    from benchmarks.paper.scale import scale_of
 
-    if name in SCALES:
-        return SCALES[name]
+    if name in scales:
+        return scales[name]
     if not Path(name).is_file():
-        known = f"is neither a file nor one of {', '.join(SCALES)}"
+        known = f"is neither a file nor one of {', '.join(scales)}"
         raise ScenarioError([Problem("--scale", name, known)])
     try:
         data = json.loads(Path(name).read_bytes())
     except (OSError, ValueError, RecursionError) as error:
         raise ScenarioError([Problem("--scale", name, f"is not readable JSON: {error}")]) from None
-    return scale_of(data, field="--scale")
-
-
-def trainer(plan: Plan) -> Callable[[str, int, Dataset], str]:
-    """Trains a model of a kind, seed and data set; the text of its file."""
-    from benchmarks.learning.training import train_model
-    from service.worker.network_trainer import train_network
-    from simcore import learning
-
-    def train(kind: str, seed: int, data: Dataset) -> str:
-        makers: dict[str, Callable[[], learning.Regressor]] = {
-            "elm": lambda: learning.ExtremeLearningMachine(nodes=plan.scale.nodes, seed=seed),
-            "linear": learning.LinearModel,
-            "neighbours": learning.NearestNeighbours,
-            "mlp": lambda: learning.MultilayerPerceptron(seed=seed, trainer=train_network),
-        }
-        return train_model(data, makers[kind](), split="sample").model.text()
-
-    return train
+    kind = type(next(iter(scales.values())))
+    return scale_of(data, kind, field="--scale")
 
 
 # ---- what is written at the end
 
 
-def write_report(findings: Findings, plan: Plan, path: Path, *, wall_s: float, workers: int) -> None:
-    """report.html, report.json, insertions.csv, predictions.csv."""
+def write_report(findings: Findings, plan: Plan, path: Path, *, wall_s: float, workers: int) -> Path:
+    """report.html, report.json, insertions.csv, predictions.csv; the path of the first."""
     from benchmarks.paper import report
-    from benchmarks.paper.pipeline import commits, cpu_seconds, paper_outcomes
+    from benchmarks.paper.pipeline import cpu_seconds, paper_outcomes
+    from service.local.experiment import origin_of
     from service.local.paper_folder import write_text
-    from simcore.provenance import provenance
 
     write_text(path / "predictions.csv", predictions_csv(findings))
-    origin, own = provenance(findings.outcomes[0].case.scenario), paper_outcomes(findings)
-    del origin["scenario"], origin["seed"]
-    origin |= {
-        "scale": plan.scale.model_dump(mode="json"),
-        "plan_sha256": plan.sha256,
-        "cases_sha256": findings.cases_sha256,
-        "insertions": len(findings.outcomes) + len(findings.timing),
-        "insertions_by_commit": commits(findings),
-        "insertions_cpu_s": round(cpu_seconds((*findings.outcomes, *findings.timing)), 1),
-        "of_the_paper_itself": {"insertions": len(own), "cpu_s": round(cpu_seconds(own), 1)},
-        "last_call_wall_s": round(wall_s, 1),
-        "workers": workers,
-    }
+    own = paper_outcomes(findings)
+    origin = origin_of(plan, (*findings.outcomes, *findings.timing), wall_s=wall_s, workers=workers)
+    origin["of_the_paper_itself"] = {"insertions": len(own), "cpu_s": round(cpu_seconds(own), 1)}
     report.write(
         findings.outcomes,
         timing=findings.timing,
@@ -191,6 +205,7 @@ def write_report(findings: Findings, plan: Plan, path: Path, *, wall_s: float, w
         provenance=origin,
         band_mm=plan.scale.band_mm,
     )
+    return path / report.HTML
 
 
 def predictions_csv(findings: Findings) -> str:
@@ -201,100 +216,3 @@ def predictions_csv(findings: Findings) -> str:
     writer.writeheader()
     writer.writerows(table)
     return text.getvalue()
-
-
-# ---- what is shown
-
-
-def _print_plan(plan: Plan, workers: int, crew: Crew) -> StepCost:
-    """Measure what a step costs, print the plan; the cost."""
-    from service.local.paper_run import measured_cost
-
-    click.echo("measuring what a step costs (the first run on a machine compiles for half a minute)", err=True)
-    cost = measured_cost(plan, crew)
-    seconds = plan.seconds(cost, workers)
-    steps_ms = f"{1e3 * cost.ifem_s:.1f} ms CPU a step with I-FEM, {1e3 * cost.plain_s:.1f} ms without"
-    click.echo(f"scale {plan.scale.name}: {steps_ms}, {workers} workers")
-    for stage in plan.stages:
-        alone = ", one worker" if stage.alone else ""
-        click.echo(f"  {stage.title:<12}{len(stage.cases):>6} insertions {_minutes(seconds[stage.title]):>9}{alone}")
-    total = _minutes(sum(seconds.values()))
-    click.echo(f"  {'all':<12}{plan.insertions:>6} insertions {total:>9} and about {plan.bytes / 1e6:.0f} MB")
-    return cost
-
-
-def _minutes(seconds: float) -> str:
-    return f"{seconds / 60:.1f} min" if seconds >= 60 else f"{seconds:.0f} s"
-
-
-@contextmanager
-def _progress_on(plan: Plan, cost: StepCost, workers: int) -> Iterator[ProgressListener]:
-    """A bar with the time left on a terminal, else lines."""
-    share = {case.id: cost.of(case) / (1 if stage.alone else workers) for stage in plan.stages for case in stage.cases}
-    if not sys.stderr.isatty():
-        yield Lines(share)
-        return
-    from rich.console import Console
-    from rich.progress import BarColumn, Progress, TaskProgressColumn, TextColumn, TimeRemainingColumn
-
-    columns = (TextColumn("{task.description}"), BarColumn(), TaskProgressColumn(), TimeRemainingColumn())
-    console = Console(stderr=True)
-    with Progress(*columns, console=console, speed_estimate_period=PACE_OVER_S) as progress:
-        yield Bar(progress, share)
-
-
-class Lines:
-    """Progress that goes to a file or a pipe: a line now and then. share: estimated seconds of each case by id."""
-
-    def __init__(self, share: dict[str, float]) -> None:
-        self._share, self._total, self._done = share, sum(share.values()), 0.0
-        self._stage, self._count, self._ended = "", 0, 0
-        self._begun = self._spoken = time.monotonic()
-        self._fresh = 0.0
-
-    def begin(self, stage: Stage) -> None:
-        """A line for the stage."""
-        self._stage, self._count, self._ended = stage.title, len(stage.cases), 0
-        click.echo(f"{stage.title}: {len(stage.cases)} insertions", err=True)
-
-    def ended(self, outcome: Outcome, *, fresh: bool) -> None:
-        """A line now and then."""
-        self._ended += 1
-        seconds, now = self._share.get(outcome.case.id, 0.0), time.monotonic()
-        self._done += seconds
-        self._fresh += seconds if fresh else 0.0
-        if now - self._spoken < LINE_EVERY_S and self._ended < self._count:
-            return
-        self._spoken = now
-        pace = (now - self._begun) / self._fresh if self._fresh else 1.0
-        left = _minutes(pace * max(0.0, self._total - self._done))
-        share = f"{100 * self._done / self._total:.0f} %, about {left} left"
-        click.echo(f"{self._stage}: {self._ended} of {self._count}; {share}", err=True)
-
-    def say(self, text: str) -> None:
-        """The text."""
-        click.echo(text, err=True)
-
-
-class Bar:
-    """Progress on a terminal, measured in estimated seconds, so that dear insertions count more."""
-
-    def __init__(self, progress: Progress, share: dict[str, float]) -> None:
-        self._progress, self._share = progress, share
-        self._task = progress.add_task("starting", total=sum(share.values()))
-        self._count, self._ended, self._title = 0, 0, ""
-
-    def begin(self, stage: Stage) -> None:
-        """Name the stage beside the bar."""
-        self._title, self._count, self._ended = stage.title, len(stage.cases), 0
-        self._progress.update(self._task, description=f"{stage.title} 0/{self._count}")
-
-    def ended(self, outcome: Outcome, *, fresh: bool) -> None:  # noqa: ARG002  (a listener's signature)
-        """Move the bar by the estimated seconds of the insertion."""
-        self._ended += 1
-        done = self._share.get(outcome.case.id, 0.0)
-        self._progress.update(self._task, advance=done, description=f"{self._title} {self._ended}/{self._count}")
-
-    def say(self, text: str) -> None:
-        """The text, above the bar."""
-        self._progress.console.print(text, highlight=False, markup=False)

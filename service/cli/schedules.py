@@ -7,7 +7,8 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from service.cli.campaigns import campaign_request, grid_option, model_option, scenario_option
+from service.cli.campaign_request import campaign_request
+from service.cli.campaigns import grid_option, model_option, scenario_option
 from service.cli.connection import service_client, url_option
 from simcore.errors import Problem, ScenarioError
 

@@ -1,4 +1,4 @@
-"""The folder of one rerun of the paper: every finished insertion is in it at once and for good.
+"""The folder of one experiment, such as a rerun of the paper: every finished insertion is in it at once and for good.
 
     run.json          what is being run, and by which code: a run goes on only where it began
     results/ID.json   one finished insertion
@@ -25,7 +25,6 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Sequence
     from pathlib import Path
 
-SCHEMA = "needlebench/paper-run/1"
 RUN, RESULTS, SERIES, MODELS, RECORDINGS = "run.json", "results", "series", "models", "recordings"
 FINGERPRINT = ("schema", "scale", "plan_sha256")
 FOUNDATION = (
@@ -81,13 +80,14 @@ class PaperFolder:
 
 @contextmanager
 def open_folder(
-    path: Path, identity: dict[str, Any], *, any_commit: bool = False, extend: bool = False
+    path: Path, identity: dict[str, Any], *, any_commit: bool = False, extend: bool | None = False
 ) -> Iterator[PaperFolder]:
     """The folder for the run `identity`: new, or that of this very run, locked for as long as it is open.
 
     identity: {"schema", "scale", "plan_sha256", "commit"}. extend: a run of another scale with the same data set and
-    models becomes this one; its insertions stay. Raises ScenarioError, with nothing changed, for a folder
-    that holds something else, another run or that of another commit, is in use, or cannot be written.
+    models becomes this one, its insertions stay; None: not for this experiment. Raises ScenarioError, with nothing
+    changed, for a folder that holds something else, another run or that of another commit, is in use, or cannot be
+    written.
     """
     folder = PaperFolder(path)
     _check(folder, identity, any_commit, extend)
@@ -106,7 +106,7 @@ def open_folder(
         raise folder.refusal(f"is in use by {error or 'another process'}") from None
 
 
-def _check(folder: PaperFolder, identity: dict[str, Any], any_commit: bool, extend: bool) -> None:
+def _check(folder: PaperFolder, identity: dict[str, Any], any_commit: bool, extend: bool | None) -> None:
     path = folder.path
     if not path.exists():
         return
@@ -125,7 +125,8 @@ def _check(folder: PaperFolder, identity: dict[str, Any], any_commit: bool, exte
     if extend and begun.get("schema") == identity["schema"]:
         differing = [key for key in FOUNDATION if old.get(key) != new.get(key)]
     if differing:
-        scale, advice = old.get("name", "unknown"), "choose another folder" + ("" if extend else ", or --extend")
+        scale, advice = old.get("name", "unknown"), "choose another folder"
+        advice += ", or --extend" if extend is False else ""
         raise folder.refusal(f"holds another run (scale {scale}, {differing[0]} differs); {advice}")
     if begun.get("commit") != identity["commit"] and not any_commit:
         commits = f"{begun.get('commit')} and not {identity['commit']}"

@@ -1,4 +1,4 @@
-"""A rerun of the paper in a folder: the plan's stages, with worker processes, storage and training handed to them."""
+"""An experiment in a folder, such as a rerun of the paper: worker processes, storage and training for its stages."""
 
 from __future__ import annotations
 
@@ -8,13 +8,12 @@ import tempfile
 from contextlib import closing
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Protocol
+from typing import TYPE_CHECKING, Any, Protocol, TypeVar
 
 import numpy as np
 
-from benchmarks.paper.pipeline import Findings, rerun
-from benchmarks.paper.plan import Plan, Stage, StepCost, model_names, probes, steps
-from service.local.paper_folder import RECORDINGS, SCHEMA, SERIES, PaperFolder, write_text
+from benchmarks.paper.plan import Stage, StagedPlan, StepCost, model_names, probes, steps
+from service.local.paper_folder import RECORDINGS, SERIES, PaperFolder, write_text
 from service.worker.insertion_job import RECORDING_RUNNER
 from service.worker.memory import available_mb
 from service.worker.network_trainer import require_scikit_learn
@@ -27,11 +26,13 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Sequence
 
     from benchmarks.cases import Case, Outcome
+    from benchmarks.paper.pipeline import PaperPorts
     from service.worker.crew import Crew
 
-DATASET = "dataset.npz"
 WORKER_MB = 350  # that a worker holds, at least [ours]
 SPARE = 1.2  # of the estimated disk space
+
+Result = TypeVar("Result")
 
 
 class NotReproducedError(NeedlebenchError):
@@ -55,13 +56,13 @@ class ProgressListener(Protocol):
         """Something else happens."""
 
 
-def identity(plan: Plan) -> dict[str, Any]:
+def identity(plan: StagedPlan) -> dict[str, Any]:
     """What makes a run the same run; the content of run.json."""
     scale = plan.scale.model_dump(mode="json", exclude={"band_mm"})  # may be set after the run
-    return {"schema": SCHEMA, "scale": scale, "plan_sha256": plan.sha256, "commit": commit()}
+    return {"schema": plan.schema, "scale": scale, "plan_sha256": plan.sha256, "commit": commit()}
 
 
-def measured_cost(plan: Plan, crew: Crew) -> StepCost:
+def measured_cost(plan: StagedPlan, crew: Crew) -> StepCost:
     """CPU seconds of a step, from two insertions at the plan's discretisation. Raises CostProbeError."""
     each = {}
     with tempfile.TemporaryDirectory(prefix="needlebench-") as scratch:
@@ -72,7 +73,7 @@ def measured_cost(plan: Plan, crew: Crew) -> StepCost:
     return StepCost(ifem_s=each["probe-ifem"], plain_s=each["probe-plain"])
 
 
-def check_needs(plan: Plan, path: Path, workers: int) -> None:
+def check_needs(plan: StagedPlan, path: Path, workers: int) -> None:
     """Look at whatever the run will need before it begins: scikit-learn, a folder that can be written, space, memory.
 
     Raises ScenarioError, MissingScikitLearnError.
@@ -90,7 +91,7 @@ def check_needs(plan: Plan, path: Path, workers: int) -> None:
         raise ScenarioError([Problem("--workers", workers, needed)])
 
 
-def _cases(plan: Plan) -> Iterator[Case]:
+def _cases(plan: StagedPlan) -> Iterator[Case]:
     for stage in plan.stages:
         yield from stage.cases
 
@@ -103,7 +104,7 @@ def _nearest(path: Path) -> Path:
     return there
 
 
-def enough_space(plan: Plan, path: Path) -> None:
+def enough_space(plan: StagedPlan, path: Path) -> None:
     """Raises ScenarioError if there is less space than the plan needs where the folder is or will be."""
     there = _nearest(path)
     free = shutil.disk_usage(there).free
@@ -116,17 +117,16 @@ def enough_space(plan: Plan, path: Path) -> None:
 class PaperRun:
     """One run, or its continuation. train: (kind, seed, data) -> text of a model file."""
 
-    plan: Plan
     folder: PaperFolder
     crew: Crew
     listener: ProgressListener
     train: Callable[[str, int, Dataset], str]
 
-    def run(self) -> Findings:
-        """Every stage; what the folder already has is not run again."""
+    def run(self, stages: Callable[[PaperPorts], Result]) -> Result:
+        """The result of the stages; what the folder already has is not run again."""
         root = self.folder.path
         with names_mean(lambda name: root / name):
-            return rerun(self.plan, self)
+            return stages(self)
 
     # ---- the ports of the stages (`PaperPorts`)
 
@@ -160,9 +160,9 @@ class PaperRun:
         with np.load(self.folder.path / SERIES / f"{case.id}.npz", allow_pickle=False) as file:
             return table_one(file)
 
-    def keep(self, data: Dataset) -> None:
-        """Save the data set."""
-        save_dataset(data, self.folder.path / DATASET)
+    def keep(self, name: str, data: Dataset) -> None:
+        """Save a data set."""
+        save_dataset(data, self.folder.path / name)
 
     def store(self, name: str, text: str) -> None:
         """Write a file of the folder."""

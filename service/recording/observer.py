@@ -29,6 +29,7 @@ from service.recording import viewer
 from service.recording.blocks import Block
 from service.recording.entities import Drawing, log_static
 from service.recording.layout import blueprint
+from service.recording.rerun_overrides import end_threads, write_to_file
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -120,10 +121,12 @@ class RerunObserver:
         except Exception as error:  # noqa: BLE001  (a run never fails because of its recording)
             if self.warning is None:
                 self.warning = f"recording stopped: {type(error).__name__}: {error}"
-            recorder, self._recorder = self._recorder, None
-            if recorder is not None:
-                with contextlib.suppress(Exception):
-                    recorder.close()
+        else:
+            return
+        recorder, self._recorder = self._recorder, None  # here, where no frame of the error holds the stream any more
+        if recorder is not None:
+            with contextlib.suppress(Exception):
+                recorder.close()
 
 
 class _Recorder:
@@ -137,7 +140,7 @@ class _Recorder:
         self.stream = rr.RecordingStream(APPLICATION, recording_id=recording_id)
         self.stream.set_log_time_enabled(False)
         self.stream.set_log_tick_enabled(False)
-        self.stream.set_sinks(rr.FileSink(path), default_blueprint=blueprint(scene))
+        write_to_file(self.stream, path, blueprint(scene), APPLICATION)
         self.drawing = Drawing.of(scene)
         self.block = Block(self.drawing)
         self.sent_s = clock()
@@ -179,6 +182,8 @@ class _Recorder:
             self.stream.flush()
         finally:
             self.stream.disconnect()
+            del self.stream
+            end_threads()
 
 
 def _values(data: dict[str, Any], leave_out: tuple[str, ...] = ()) -> rr.AnyValues:

@@ -1,7 +1,6 @@
 """The blocks of a scenario, field by field: with `controller_blocks` the only place where a default stands.
 
-Each field's description ends with the tag of its default: [paper] Perrusi et al. 2021, [cited] a published source,
-[ours] our choice because no source states it.
+Each description ends with the tag of its default: [paper] Perrusi et al. 2021, [cited] published, [ours] our choice.
 """
 
 from __future__ import annotations

@@ -103,7 +103,7 @@ def _unknown_field(place: _Place) -> str:
     """What is known there instead, and where a field of that name is."""
     known = sorted(info.alias or name for name, info in place.holder.model_fields.items()) if place.holder else []
     leaf = place.name.rpartition(".")[2]
-    elsewhere = [path for path in _paths(place.root) if path.rpartition(".")[2] == leaf]
+    elsewhere = [path for path in _paths(place.root) if path.rpartition(".")[2] == leaf and path != place.name]
     meant = f"; did you mean {elsewhere[0]}?" if elsewhere else did_you_mean(leaf, known)
     return f"unknown field; known here: {', '.join(known)}{meant}"
 

@@ -263,4 +263,4 @@ def test_a_printed_scale_can_be_read(tmp_path: Path) -> None:
     assert done.exit_code == 0
     file = tmp_path / "mine.json"
     file.write_text(done.stdout)
-    assert read_scale(str(file)) == SCALES["quick"]
+    assert read_scale(str(file), SCALES) == SCALES["quick"]

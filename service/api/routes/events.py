@@ -114,10 +114,10 @@ async def _events(service: Service, request: Request, job_id: str | None, after:
     """The events after number `after`, with progress between them, until there can be no more."""
     yield format_sse_event(comment="needlebench", retry=_RETRY_MS)
     with service.events.subscribe(job_id) as waiting:
-        async for event in _before(service, job_id, after):
-            after = event.seq
-            yield event.data
-            if job_id is not None and await _is_last(service, event):
+        async for earlier in _before(service, job_id, after):
+            after = earlier.seq
+            yield earlier.data
+            if job_id is not None and await _is_last(service, earlier):
                 return
         for job in await run_in_threadpool(_running, service, job_id):
             yield progress_event(job)

@@ -21,6 +21,7 @@ from service.api.problems import HttpError
 from service.api.schemas.uploads import UploadKind, UploadList, UploadView
 from service.api.served_file import served_file
 from service.files.upload_names import NAME, NAMES, SUFFIXES
+from service.store.uploads import Upload, UploadsFullError
 from simcore.errors import Problem
 
 router = APIRouter(prefix="/api/v1/uploads", tags=["uploads"])
@@ -60,13 +61,7 @@ async def create_upload(
     suffix = _suffix(kind, name, request.headers.get("content-type", ""))
     draft = await run_in_threadpool(service.uploads.draft, suffix)
     try:
-        sha256 = await _receive(request, draft, service.uploads.grow)
-        async with service.uploads.checking:
-            content = await run_in_threadpool(_content, service, draft, kind, name, sha256)
-        caller = request.state.caller
-        upload, new = await run_in_threadpool(
-            service.uploads.keep, draft, kind=kind, name=name, sha256=sha256, content=content, owner=caller.key_id
-        )
+        upload, new = await _take(service, request, draft, kind, name)
     finally:
         await run_in_threadpool(service.uploads.drop, draft)
     response.status_code = status.HTTP_201_CREATED if new else status.HTTP_200_OK
@@ -88,15 +83,45 @@ def _suffix(kind: str, name: str, content_type: str) -> str:
     return suffix
 
 
-async def _receive(request: Request, draft: Path, grow: Callable[[Path, int], None]) -> str:
-    """Write the body into `draft` as it arrives; its SHA-256. grow: hears of bytes before they are written."""
+async def _take(service: Service, request: Request, draft: Path, kind: str, name: str) -> tuple[Upload, bool]:
+    """Receive it, check it and keep it; whether it is new. What is known takes no room: it is found when there is none.
+
+    Raises HttpError, UploadsFullError.
+    """
+    sha256, full = await _receive(request, draft, service.uploads.grow)
+    if full is not None:
+        known = await run_in_threadpool(service.uploads.find, f"{sha256}{draft.suffix}")
+        if known is None:
+            raise full
+        return known, False
+    async with service.uploads.checking:
+        content = await run_in_threadpool(_content, service, draft, kind, name, sha256)
+    owner = request.state.caller.key_id
+    return await run_in_threadpool(
+        service.uploads.keep, draft, kind=kind, name=name, sha256=sha256, content=content, owner=owner
+    )
+
+
+async def _receive(
+    request: Request, draft: Path, grow: Callable[[Path, int], None]
+) -> tuple[str, UploadsFullError | None]:
+    """Write the body into `draft` as it arrives; its SHA-256, and what `grow` said when it found no room.
+
+    grow: hears of bytes before they are written. From where it refuses, the body is read for its digest alone.
+    """
     digest, waiting = hashlib.sha256(), bytearray()
+    full: list[UploadsFullError] = []
     with await run_in_threadpool(draft.open, "xb") as file:
 
         def write(data: bytes) -> None:
-            grow(draft, len(data))
             digest.update(data)
-            file.write(data)
+            if not full:
+                try:
+                    grow(draft, len(data))
+                except UploadsFullError as error:
+                    full.append(error)
+                else:
+                    file.write(data)
 
         try:
             async for chunk in request.stream():
@@ -113,7 +138,7 @@ async def _receive(request: Request, draft: Path, grow: Callable[[Path, int], No
             os.fsync(file.fileno())
 
         await run_in_threadpool(end)
-    return digest.hexdigest()
+    return digest.hexdigest(), full[0] if full else None
 
 
 def _content(service: Service, draft: Path, kind: str, name: str, sha256: str) -> dict[str, Any]:

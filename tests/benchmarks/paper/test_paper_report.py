@@ -102,7 +102,7 @@ def test_the_order_of_outcomes_changes_nothing() -> None:
 
 
 def test_every_part_is_there(report: dict[str, Any]) -> None:
-    assert len(report["claims"]) == 9
+    assert len(report["claims"]) == 11
     assert {s["arm"] for s in report["scores"]} == {"ifem", "elm", "mlp", "open_loop", "rigid"}
     assert report["face_mm"] == [36.0, 62.0]
     assert report["entry_mm"] == [18.0, 31.0]

@@ -200,9 +200,9 @@ def test_the_papers_own_insertions_are_counted_apart() -> None:
 
 def test_scales_are_described_and_bounded() -> None:
     assert set(SCALE_TEXT) == set(SCALES)
-    assert scale_of({"name": "mine"}, field="--scale") == Scale(name="mine")
+    assert scale_of({"name": "mine"}, Scale, field="--scale") == Scale(name="mine")
     with pytest.raises(ScenarioError) as caught:
-        scale_of({"name": "mine", "lin": 101, "pace": 1}, field="--scale")
+        scale_of({"name": "mine", "lin": 101, "pace": 1}, Scale, field="--scale")
     assert {problem.field for problem in caught.value.problems} == {"lin", "pace"}
 
 

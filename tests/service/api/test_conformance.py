@@ -55,7 +55,7 @@ def test_every_code_that_is_written_down_is_known_and_every_known_one_is_used() 
             if isinstance(node, ast.Constant) and node.value in CODES and path.name != "problem_codes.py":
                 used.add(node.value)
             if isinstance(node, ast.keyword) and node.arg == "code" and isinstance(node.value, ast.Constant):
-                assert node.value.value in CODES, f"{path.name}: {node.value.value}"
+                assert node.value.value in CODES, f"{path.name}: {node.value.value!r}"
     general = {code_of(status, None) for status in {status for status, _ in CODES.values()} - {409, 410, 429}}
     assert set(CODES) - used - general == set()
 

@@ -31,7 +31,7 @@ CHUNKED = (
 )
 JSON = {"Content-Type": "application/json"}
 OWN_FILES = {"endpoint.json", "needlebench.sqlite", "needlebench.sqlite-shm", "needlebench.sqlite-wal", "server.lock",
-             "warm.lock", "uploads", "jobs"}  # fmt: skip
+             "warm.lock", "uploads", "jobs", "backups"}  # fmt: skip
 
 
 @pytest.fixture(scope="module")

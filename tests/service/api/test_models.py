@@ -349,7 +349,8 @@ def test_scopes_reach_as_far_as_they_say(tmp_path: Path) -> None:
         assert http.post(f"{MODELS}/train", json=body, headers=reader).status_code == 403
         assert http.post(f"{MODELS}/train", json=body, headers=other).status_code == 202
         assert http.post(f"{UPLOADS}/{data['id']}/pin", headers=reader).status_code == 403
-        assert http.post(f"{UPLOADS}/{data['id']}/pin", headers=other).json()["pinned"] is True
+        assert http.post(f"{UPLOADS}/{data['id']}/pin", headers=other).status_code == 403
+        assert http.post(f"{UPLOADS}/{data['id']}/pin", headers=one).json()["pinned"] is True
         assert http.delete(f"{UPLOADS}/{data['id']}/pin", headers=other).status_code == 403
         assert http.delete(f"{UPLOADS}/{data['id']}", headers=operator).status_code == 409
         assert http.delete(f"{UPLOADS}/{data['id']}/pin", headers=one).status_code == 204

@@ -111,7 +111,7 @@ def test_the_module_runs_as_a_program() -> None:
 def test_an_unknown_command_is_told_what_there_is() -> None:
     result = invoke("rum")
     assert result.exit_code == 2
-    assert "No such command 'rum'. There are: demo, scenario, run" in result.stderr
+    assert "No such command 'rum'. Did you mean run? There are: demo, scenario, run" in result.stderr
 
 
 @pytest.mark.parametrize("name", ["scenario", "run", "view"])

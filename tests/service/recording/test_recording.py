@@ -8,6 +8,7 @@ import os
 import signal
 import subprocess
 import sys
+import time
 import warnings
 from dataclasses import replace
 from pathlib import Path
@@ -306,6 +307,32 @@ def test_a_run_that_raises_leaves_a_readable_recording(tmp_path: Path) -> None:
         FakeRun(short(), stop_at=77, error=RuntimeError("stop here")).run(recorder)
     assert recorder.warning is None
     assert list(recorded(path, "world/tip", "Points3D:positions")) == list(range(78))
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="counts native threads by /proc")
+def test_recordings_leave_no_threads_however_they_end(tmp_path: Path) -> None:
+    def ends(name: str, run: FakeRun) -> None:
+        with RerunObserver(tmp_path / f"{name}.rrd", recording_id=name) as recorder:
+            run.run(recorder)
+
+    class Broken(FakeRun):
+        def record(self, step: int) -> StepRecord:
+            record = super().record(step)
+            return replace(record, shaft_m=np.zeros((step, 2))) if step > 60 else record
+
+    def native() -> int:
+        return len(list(Path("/proc/self/task").iterdir()))
+
+    ends("first", FakeRun(short()))  # what Rerun starts once for a process
+    before = native()
+    ends("whole", FakeRun(short()))
+    with pytest.raises(RuntimeError, match="stop here"):
+        ends("raised", FakeRun(short(), stop_at=77, error=RuntimeError("stop here")))
+    ends("broken", Broken(short()))
+    deadline = time.monotonic() + 30
+    while native() > before and time.monotonic() < deadline:  # they were told to end
+        time.sleep(0.01)
+    assert native() <= before
 
 
 CHILD = """

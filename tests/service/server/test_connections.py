@@ -55,7 +55,7 @@ async def listening(**limits: Any) -> AsyncIterator[tuple[int, ServerState]]:
     finally:
         server.close()
         for connection in tuple(state.connections):
-            connection.transport.abort()  # type: ignore[union-attr]
+            connection.transport.abort()
         for writer in OPENED:
             writer.transport.abort()
         await asyncio.sleep(0.05)
@@ -121,6 +121,7 @@ def test_who_takes_nothing_of_a_long_answer_is_dropped() -> None:
     async def scenario() -> None:
         async with listening(stall_s=0.3) as (port, state):
             _, writer = await connected(port, b"GET /flood HTTP/1.1\r\nHost: localhost\r\n\r\n")
+            assert isinstance(writer.transport, asyncio.Transport)
             writer.transport.pause_reading()
             while state.total_requests or len(state.connections) != 1:
                 await asyncio.sleep(0.01)

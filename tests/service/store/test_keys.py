@@ -76,7 +76,7 @@ def test_scopes_are_steps(both: tuple[TestClient, Service]) -> None:
     assert "scope submit; yours has read" in refused.json()["detail"]
 
 
-def test_what_another_key_made_is_deleted_by_admin_only(both: tuple[TestClient, Service]) -> None:
+def test_what_another_key_made_is_changed_by_admin_only(both: tuple[TestClient, Service]) -> None:
     http, service = both
     mine, other, admin = (bearer(service, scope) for scope in ("submit", "submit", "admin"))
     urls = [http.post(JOBS, json={"scenario": "line"}, headers=mine).headers["location"] for _ in range(2)]
@@ -84,8 +84,10 @@ def test_what_another_key_made_is_deleted_by_admin_only(both: tuple[TestClient, 
     query = {"kind": "model", "name": "a.json"}
     sent = http.post(UPLOADS, params=query, content=model_bytes("linear"), headers=mine)
     for url in urls:
-        assert http.post(f"{url}/cancel", headers=other).status_code == 202
+        assert http.post(f"{url}/cancel", headers=other).status_code == 403
         assert http.delete(url, headers=other).status_code == 403
+        assert http.get(url, headers=other).json()["state"] == "queued"
+        assert http.post(f"{url}/cancel", headers=mine).status_code == 202
     assert http.delete(sent.headers["location"], headers=other).status_code == 403
     assert http.delete(sent.headers["location"], headers=mine).status_code == 204
     assert http.delete(urls[0], headers=mine).status_code == 204

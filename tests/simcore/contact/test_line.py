@@ -175,19 +175,19 @@ CASES: dict[str, dict[str, Any]] = {
 @pytest.mark.parametrize("name", CASES)
 def test_the_total_depends_neither_on_the_ball_nor_on_the_mesh(name: str) -> None:
     """u_mesh + G for balls of 4 and 6 mm on meshes of 8 and 6 mm: within 3 % of each other, where the linear meshes
-    alone are short of the quadratic ones by more than a tenth. 3 % is what is left of the mesh
+    alone are short of the quadratic ones by more than 8 %. 3 % is what is left of the mesh
     in the quadratic reference and of the walls, 12 mm off, in the cylinder of an infinite tissue; nearer to
-    incompressible (nu = 0.45) the reference leaves more, 4 %."""
+    incompressible (nu = 0.45) the reference leaves more, 4 %, and walls held across the thin side 5 %."""
     lines = [Line.in_tissue(block(h, SIZE_MM, **CASES[name]), r) for h in (8.0, 6.0) for r in (4e-3, 6e-3)]
     totals = np.array([line.total_mm() for line in lines])
     meshes = np.array([line.mesh_m2_per_n()[:2] for line in lines])
     text, source = f"compliance of the needle's line, {name}", "a property of the tissue: no ball, no mesh"
     shares = totals / totals[-1]
-    tolerance = 0.04 if name == "nu 0.45" else 0.03
+    tolerance = {"nu 0.45": 0.04, "held at x": 0.05}.get(name, 0.03)
     check(f"{text}: ball 4, 6, h 8, 6 mm", expected=1, measured=shares, tolerance=tolerance, source=source)
     cylinders = np.array([line.cylinder_m2_per_n() for line in lines])[:, None]
     short = 1.0 - meshes / (1e-6 * totals - cylinders)
-    assert short.min() > 0.1
+    assert short.min() > 0.08
 
 
 def test_what_the_mesh_owes_is_symmetric_and_scales_with_softness() -> None:

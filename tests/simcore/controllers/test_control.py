@@ -139,28 +139,36 @@ def test_errors_over_time_step(name: str) -> None:
 # noise
 
 
-def noise_gain(*, gain: float, noise_mm: float) -> Vector:
-    """(3,) RMS of the tip's deviation from the run without noise, over the RMS of the target's noise."""
+def noise_answers(*, gain: float, noise_mm: float) -> tuple[Vector, Vector]:
+    """(n, 3) m: the tip's deviation from the run without noise, and the noise through tip' = (1 - k) tip + k noise."""
     blocks = {"trajectory": LINE, "robot": UNLIMITED, "controller": {"gain": gain, **FREE}, "seed": 3}
     clean, noisy = rollout(**blocks).series, rollout(**blocks, noise_mm=noise_mm).series
-    moved = (noisy["tip_m"] - clean["tip_m"])[100:]
-    noise = (noisy["target_noisy_m"] - noisy["target_m"])[100:]
-    share: Vector = np.sqrt(np.mean(moved**2, axis=0) / np.mean(noise**2, axis=0))
-    return share
+    noise = noisy["target_noisy_m"] - noisy["target_m"]
+    filtered = np.zeros_like(noise)
+    for i in range(len(noise) - 1):
+        filtered[i + 1] = (1.0 - gain) * filtered[i] + gain * noise[i]
+    return (noisy["tip_m"] - clean["tip_m"])[100:], filtered[100:]
 
 
 @pytest.mark.parametrize("gain", [0.5, 1.0])
 @pytest.mark.parametrize("noise_mm", [0.02, 0.04])
 def test_tip_noise_is_that_of_a_first_order_filter(gain: float, noise_mm: float) -> None:
-    """tip' = (1 - k) tip + k noise has the variance k / (2 - k) of white noise: 1 at gain 1, 1/3 at gain 0.5."""
-    control(
-        f"tip noise / target noise, x y z, gain {gain:g}, +-{noise_mm:g} mm",
-        expected=math.sqrt(gain / (2.0 - gain)),
-        measured=noise_gain(gain=gain, noise_mm=noise_mm),
-        tolerance=0.08,
-        relative=True,
-        source="variance of a first-order autoregression, k / (2 - k) (Box and Jenkins); 300 samples",
+    """tip' = (1 - k) tip + k noise, step by step: as large as the filtered noise, and along with it."""
+    moved, filtered = noise_answers(gain=gain, noise_mm=noise_mm)
+    rms = [np.sqrt(np.mean(values**2, axis=0)) for values in (moved, filtered)]
+    text, source = (
+        f"gain {gain:g}, +-{noise_mm:g} mm",
+        "first-order autoregression (Box and Jenkins), of the same noise",
     )
+    together = [np.corrcoef(moved[:, axis], filtered[:, axis])[0, 1] for axis in range(3)]
+    control(
+        f"tip noise / filtered target noise, {text}",
+        expected=1,
+        measured=rms[0] / rms[1],
+        tolerance=0.08,
+        source=source,
+    )
+    control(f"correlation of both, {text}", expected=1, measured=together, tolerance=0.02, source=source)
 
 
 # speed limits

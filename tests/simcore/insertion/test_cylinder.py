@@ -148,7 +148,7 @@ def test_contact_on_a_slanted_surface(tmp_path: Path) -> None:
         (
             {"interaction": {"spacing_mm": 8.0, "line_compliance": False}},
             "interaction.spacing_mm",
-            "closer rows lock",
+            "lock",
         ),
         ({"needle": {"length_mm": 50.0}}, "needle.length_mm", "stand-off"),
     ],

@@ -110,7 +110,7 @@ def test_every_step_satisfies_the_independent_equations(name: str, request: pyte
             newton = reference_of(trip, i)
             worst = max(worst, np.abs(newton.residual(iterate_of(newton, after))).max())
     text = f"residual of the independent equations over all steps, {name} (N; gaps and breakpoints in mm)"
-    check(text, expected=0, measured=worst, tolerance=2e-8, source="full Newton's residual")
+    check(text, expected=0, measured=worst, tolerance=4e-8, source="full Newton's residual")
 
 
 def test_friction_cone_and_complementarity_at_every_step(curved: Trip) -> None:
@@ -130,7 +130,7 @@ def test_friction_cone_and_complementarity_at_every_step(curved: Trip) -> None:
             cone += [-bound - axial, axial - bound - (CUTTING_N if e == 0 else 0.0)]
             # a tip that was taken up again beyond the channel end, by a step at most, counts from there
             start = max(newton.channel.arc_m[e], newton.needle.length_m) if e == 0 else newton.channel.arc_m[e]
-            slip = at.arc[j] - start
+            slip = after.solved.at.all_arcs_m[e] - start  # of the place of contact
             gain.append(axial * slip)  # dissipation: a falling arc length is a needle that moves forward
             if e != 0 and abs(slip) > 1e-9:
                 slack.append(abs(abs(axial) - bound))

@@ -39,6 +39,10 @@ if TYPE_CHECKING:
 
 Vector = np.ndarray
 CUTTING_N, ADHESION_N_PER_M = 0.1, 10.0  # the defaults of the scenario
+_AHEAD_M = np.arange(1, 121) * 2.5e-4
+IN_OUT_IN_M = np.array(
+    [*_AHEAD_M, *[0.03] * 5, *(0.03 - np.arange(1, 161) * 2.5e-4), *(-0.01 + np.arange(1, 181) * 2.5e-4)]
+)
 AXIAL = "straight insertion, spec of the interaction: f_cut + tau0 S"
 check, forces_check = partial(verify, "coupled"), partial(verify, "forces")
 
@@ -46,9 +50,13 @@ check, forces_check = partial(verify, "coupled"), partial(verify, "forces")
 @pytest.fixture(scope="module")
 def cycle() -> Trip:
     """30 mm in by 0.25 mm, held, 40 mm out, 40 mm in again: far enough out to let go of every point."""
-    ahead = np.arange(1, 121) * 2.5e-4
-    depths = [*ahead, *[0.03] * 5, *(0.03 - np.arange(1, 161) * 2.5e-4), *(-0.01 + np.arange(1, 181) * 2.5e-4)]
-    return straight_trip(np.array(depths))
+    return straight_trip(IN_OUT_IN_M)
+
+
+@pytest.fixture(scope="module")
+def hard_cycle() -> Trip:
+    """The same with hard rows, whose points are at their level from the start."""
+    return straight_trip(IN_OUT_IN_M, interaction=HARD)
 
 
 def tissue_offset(trip: Trip, state: InsertionState) -> Vector:
@@ -154,14 +162,14 @@ def test_puncture_at_its_force(puncture_n: float) -> None:
 
 @pytest.mark.parametrize(
     ("element_mm", "spacing_mm"),
-    [(10.0, 3.0), (10.0, 10.0), (10.0, 13.0), (10.0, 20.0), (6.5, 3.0), (6.5, 13.0), (4.0, 5.0), (4.0, 8.0)],
+    [(10.0, 10.0), (10.0, 13.0), (10.0, 20.0), (6.5, 13.0), (4.0, 5.0), (4.0, 8.0)],
 )
 def test_axial_force_law(element_mm: float, spacing_mm: float) -> None:
-    """f_cut + tau0 S while cutting, -tau0 S while every point slips back, whatever h and spacing.
+    """Hard points: f_cut + tau0 S while cutting, -tau0 S while every point slips back, whatever h and spacing.
     All meshes have even counts of cells across: symmetric about the entry."""
     depths = [*(np.arange(1, 41) * 1e-3), *(0.04 - np.arange(1, 36) * 1e-3)]
     tissue = {"element_size_mm": element_mm}
-    trip = straight_trip(np.array(depths), tissue=tissue, interaction={"spacing_mm": spacing_mm})
+    trip = straight_trip(np.array(depths), tissue=tissue, interaction={**HARD, "spacing_mm": spacing_mm})
     pushing = [s for s in trip.states[:41] if s.inserted_m > 0]
     pulling = [s for s in trip.states[41:] if (s.channel.mode[s.channel.active_elements()] == 0).all()]
     assert len(pushing) > 35
@@ -171,6 +179,23 @@ def test_axial_force_law(element_mm: float, spacing_mm: float) -> None:
         numbers: dict[str, Any] = {"expected": expected, "measured": [s.base_wrench[2] for s in states], "unit": "N"}
         text = f"axial force {name}, h = {element_mm:g} mm, spacing {spacing_mm:g} mm"
         forces_check(text, **numbers, tolerance=1e-4, relative=True, source=AXIAL)
+
+
+@pytest.mark.parametrize("spacing_mm", [1.0, 3.0])
+def test_axial_force_of_a_compliant_line(spacing_mm: float) -> None:
+    """What the tip has just passed is sheared first: at a distance d behind the tip the line bears d / G, up to tau0, G
+    its compliance along the shaft. Once S is longer than tau0 G the force is short of the law by up to tau0^2 G / 2, by
+    less with the share of the tip itself, which is hard; on the way out, where every point slips, by nothing."""
+    depths = np.array([*(np.arange(1, 81) * 5e-4), *(0.04 - np.arange(1, 51) * 5e-4)])
+    trip = straight_trip(depths, interaction={"spacing_mm": spacing_mm})
+    most = ADHESION_N_PER_M**2 * trip.insertion.model.line.compliance_m2_per_n[2, 2] / 2.0
+    shorts = [CUTTING_N + ADHESION_N_PER_M * s.inserted_m - s.base_wrench[2] for s in trip.states[41:81]]
+    assert min(shorts) > -1e-8  # every point may be at its level just before the next one is created
+    assert 0.3 * most < np.mean(shorts) < most
+    back = [s for s in trip.states[81:] if (s.channel.mode[s.channel.active_elements()] == 0).all()]
+    assert len(back) > 20
+    for s in back:
+        assert s.base_wrench[2] == pytest.approx(-ADHESION_N_PER_M * s.inserted_m, rel=1e-4)
 
 
 def test_pulled_out_it_leaves_no_force(cycle: Trip) -> None:
@@ -184,9 +209,9 @@ def test_pulled_out_it_leaves_no_force(cycle: Trip) -> None:
     assert np.abs(tissue_offset(cycle, out)).max() < 1e-9
 
 
-def test_pushed_in_again_it_does_not_cut_before_the_channel_end(cycle: Trip) -> None:
+def test_pushed_in_again_it_does_not_cut_before_the_channel_end(hard_cycle: Trip) -> None:
     """A withdrawn tip has a free gap: force tau0 S up to X_c, f_cut more beyond it, from where the channel grows."""
-    again = cycle.states[1 + 120 + 5 + 160 :]
+    again = hard_cycle.states[1 + 120 + 5 + 160 :]
     length = again[0].channel.length_m
     free = [s for s in again if 1e-3 < s.inserted_m < length - 1e-3]
     beyond = [s for s in again if s.channel.length_m > length + 1e-6]
@@ -204,11 +229,11 @@ def test_pushed_in_again_it_does_not_cut_before_the_channel_end(cycle: Trip) -> 
 # energy
 
 
-def test_dissipation_never_falls_and_adds_up(cycle: Trip) -> None:
+def test_dissipation_never_falls_and_adds_up(hard_cycle: Trip) -> None:
     """First law, quasi-static: work of the robot - stored energy = dissipation, which never falls. Over push, hold and
     pull it is f_cut S + tau0 S^2, the work of the levels, up to the slip that stretching of the tissue saves (2 %)."""
-    states = cycle.states[: 1 + 120 + 5 + 160]
-    stored = np.array([held(cycle.insertion.tissue, s.bodies.x)[2] + line_energy(s) for s in states])
+    states = hard_cycle.states[: 1 + 120 + 5 + 160]
+    stored = np.array([held(hard_cycle.insertion.tissue, s.bodies.x)[2] + line_energy(s) for s in states])
     dissipated = works(states) - stored
     assert stored.max() > 2e-4
     text, source = "push, hold and pull, straight", "first law, quasi-static: work - stored energy"
@@ -244,7 +269,8 @@ def test_results_do_not_depend_on_the_solver_tolerance(curved: Trip, exponent: i
     text, source = f"solver tolerances {tolerance:g} N, {tolerance:g} mm", "the same trip at 1e-9 N, 1e-9 mm"
     numbers: dict[str, Any] = {"expected": 0, "source": source}
     check(f"{text}: tip, every step", measured=1e3 * tip, tolerance=20.0 * tolerance, unit="mm", **numbers)
-    check(f"{text}: base force, every step", measured=force, tolerance=3.0 * tolerance, unit="N", **numbers)
+    # a compliant row is kept to the force tolerance alone: some of them add up
+    check(f"{text}: base force, every step", measured=force, tolerance=5.0 * tolerance, unit="N", **numbers)
 
 
 @pytest.mark.parametrize("axis", [0, 1])

@@ -21,7 +21,7 @@ from tests.simcore.block import AHEAD, advanced, block_scenario, curved_pose, mo
 from tests.simcore.short_run import short
 
 if TYPE_CHECKING:
-    from simcore.insertion.state import InsertionState
+    from simcore.insertion.insertion import InsertionState
     from simcore.rollout.result import Rollout
 
 LINEARISED = {"mode": "linearised"}
@@ -78,9 +78,11 @@ def test_tissue_with_mass_runs_with_one_linearised_step() -> None:
     ids=str,
 )
 def test_every_controller_steers_linearised_steps(controller: dict[str, Any]) -> None:
-    """To the same place as converged ones, to a tenth of the error or 20 um."""
+    """To the same place as converged ones, to a tenth of the error or 20 um; a learned one, which turns the base most,
+    at a fifth of the step."""
+    dt_s = 0.01 if controller["kind"] == "elm" else 0.05
     converged, linearised = (
-        run(short(noise_mm=0.0, dt_s=0.05, trajectory=OBLIQUE, controller=controller, solver={"mode": mode}))
+        run(short(noise_mm=0.0, dt_s=dt_s, trajectory=OBLIQUE, controller=controller, solver={"mode": mode}))
         for mode in ("converged", "linearised")
     )
     assert linearised.status is Status.COMPLETED, linearised.message
@@ -134,7 +136,7 @@ def test_the_residual_of_a_linearised_step_falls_with_the_square_of_the_move() -
         converged, linearised = (advanced(plant, state, base) for plant in (insertion, one_step))
         assert np.abs(linearised.bodies.needle_x - converged.bodies.needle_x).max() < 0.02 * move_m
         left_n.append(linearised.report.residual_n)
-    assert 1.8 < np.polyfit(np.log(moves_m), np.log(left_n), 1)[0] < 2.4
+    assert 1.8 < np.polyfit(np.log(moves_m), np.log(left_n), 1)[0] < 2.6
 
 
 def test_the_perturbation_jacobian_differences_linearised_steps() -> None:

@@ -157,10 +157,9 @@ def test_nothing_known_is_no_warning() -> None:
 
 
 def test_a_result_carries_the_warnings_of_its_run() -> None:
-    """A needle so thin that the tip never follows, and a friction that the scenario warns of."""
-    thin = {"outer_diameter_mm": 0.3, "inner_diameter_mm": 0.1}
-    found = run(short(needle=thin, interaction={"friction": 0.4}))
-    friction, authority, *others = found.result()["warnings"]
+    """A needle that would yield, and a friction that the scenario warns of."""
+    found = run(short(needle={"yield_mpa": 1.0}, interaction={"friction": 0.4}))
+    friction, stress, *others = found.result()["warnings"]
     assert friction.startswith("interaction.friction")
-    assert authority.startswith("RCM authority")
-    assert found.warnings == [authority, *others]
+    assert stress.startswith("the needle's stress")
+    assert found.warnings == [stress, *others]

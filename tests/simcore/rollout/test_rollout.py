@@ -362,7 +362,13 @@ def test_the_result_has_every_key_and_is_strict_json(plain: Rollout, tmp_path: P
         values = [result["timing"][part][name] for name in ("median_ms", "p95_ms", "p99_ms", "max_ms")]
         assert values == sorted(values)
     assert result["timing"]["realtime_factor"] > 0.0
-    assert result["solver"].keys() == {"iterations_mean", "iterations_max", "residual_max_n", "violation_max_m"}
+    assert result["solver"].keys() == {
+        "iterations_mean",
+        "iterations_max",
+        "residual_max_n",
+        "violation_max_m",
+        "held_nodes",
+    }
     assert result["digest"] == plain.digest
     assert len(result["digest"]) == 64
     assert {"scenario", "seed", "commit", "versions", "cpu", "threads"} <= result["provenance"].keys()
@@ -417,7 +423,8 @@ def test_any_small_run_ends_by_name_with_finite_rows_and_a_stable_digest(data: d
     for name, array in found.series.items():
         assert np.isfinite(array).all() or name in AUTHORITY, name
     assert found.series["min_det_f"].min() > 0.1
-    assert found.series["violation_m"].max() <= scenario.solver.violation_tolerance_mm * 1e-3
-    assert found.series["residual_n"].max() <= scenario.solver.force_tolerance_n
+    if scenario.solver.mode == "converged":
+        assert found.series["violation_m"].max() <= scenario.solver.violation_tolerance_mm * 1e-3
+        assert found.series["residual_n"].max() <= scenario.solver.force_tolerance_n
     assert found.digest == again.digest
     json.dumps(found.result(), allow_nan=False)

@@ -127,7 +127,11 @@ def test_an_unknown_field_of_a_kind_is_refused(kinds: Json) -> None:
 
 
 def test_a_field_of_another_kind_is_unknown() -> None:
-    refused({"trajectory": {"amplitude_mm": 1.0}}, "trajectory.amplitude_mm", "known here: entry_mm, frame, kind")
+    refused(
+        {"trajectory": {"amplitude_mm": 1.0}},
+        "trajectory.amplitude_mm",
+        "known here: entry_mm, entry_snap_mm, frame, kind",
+    )
     refused({"controller": {"kind": "open_loop", "gain": 1.0}}, "controller.gain", "known here: delay_s, kind")
 
 

@@ -32,7 +32,7 @@ def test_json_that_is_no_object_is_refused(data: Any) -> None:
 
 @pytest.mark.parametrize(
     "data",
-    ["", "{", "demo", "{}{}", "{'a': 1}", '{"a": 1,}', "\x00", b"", b"\xff\xff\xff", b"\x80{}", '{"name": "\\ud800"}'],
+    ["", "{", "[demo", "{}{}", "{'a': 1}", '{"a": 1,}', "\x00", b"", b"\xff\xff\xff", b"\x80{}", '{"name": "\\ud800"}'],
 )
 def test_text_that_is_no_json_is_refused(data: str | bytes) -> None:
     (problem,) = refusal(data).problems

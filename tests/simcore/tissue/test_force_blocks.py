@@ -62,7 +62,7 @@ def test_rotations_can_be_put_back() -> None:
 
 
 def test_the_last_block_is_padded_with_weightless_tetrahedra() -> None:
-    tissue = model(7.0)
+    tissue = model(30.0)
     assert len(tissue.mesh.tets) % LANES != 0
     blocks = ForceBlocks(tissue)
     assert blocks.blocks * LANES >= blocks.count

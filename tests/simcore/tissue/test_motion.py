@@ -23,7 +23,7 @@ BREATH = {"kind": "breathing", "amplitude_mm": 6.0, "period_s": 0.5, "direction"
 
 def lone_tissue(steps: int, **blocks: Any) -> tuple[Insertion, list[InsertionState]]:
     """Steps without a needle: its base has been pulled back by 40 mm."""
-    insertion = insertion_of(block_scenario(**blocks))
+    insertion = insertion_of(block_scenario(interaction={"puncture_n": 0.1}, **blocks))
     state = insertion.initial_state(np.array([0.0, 0.0, 1.0]))
     base, states = moved(state.base, np.array([0.0, 0.0, -0.04])), [state]
     for _ in range(steps):

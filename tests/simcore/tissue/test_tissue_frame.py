@@ -56,7 +56,8 @@ def path_points(rollout: Rollout, count: int) -> Vector:
 
 def test_without_a_needle_the_carried_point_breathes() -> None:
     """Rigid translation: every material point moves with the held faces."""
-    scenario = block_scenario(motion={**BREATH, "period_s": 0.5, "direction": [1.0, 2.0, 3.0]})
+    breath = {**BREATH, "period_s": 0.5, "direction": [1.0, 2.0, 3.0]}
+    scenario = block_scenario(motion=breath, interaction={"puncture_n": 0.1})
     insertion = insertion_of(scenario)
     path = material_path(insertion, scenario.path())
     state = insertion.initial_state(np.array([0.0, 0.0, 1.0]))
