@@ -149,17 +149,18 @@ def test_neither_a_file_nor_an_id(tmp_path: Path) -> None:
 
 
 def test_the_first_difference_is_found_among_arrays_of_several_shapes() -> None:
-    before = {"a": np.zeros(4), "b": np.zeros((4, 2)), "c": np.full(4, np.nan), "plant_s": np.zeros(4)}
+    arrays = {"depth_m": np.zeros(4), "target_m": np.zeros((4, 2)), "violation_m": np.full(4, np.nan)}
+    before = {**arrays, "plant_s": np.zeros(4)}  # a clock reading, which is not compared
     now = {name: array.copy() for name, array in before.items()}
     assert first_difference(before, now) is None
-    now["plant_s"][0], now["a"][3], now["b"][2] = 1.0, 5.0, [0.0, -2.0]
+    now["plant_s"][0], now["depth_m"][3], now["target_m"][2] = 1.0, 5.0, [0.0, -2.0]
     found = first_difference(before, now)
     assert found is not None
-    assert (found.array, found.step, found.before, found.now, found.largest) == ("b", 2, 0.0, -2.0, 2.0)
-    now["c"][1] = 1.0
+    assert (found.array, found.step, found.before, found.now, found.largest) == ("target_m", 2, 0.0, -2.0, 2.0)
+    now["violation_m"][1] = 1.0
     found = first_difference(before, now)
     assert found is not None
-    assert (found.array, found.step) == ("c", 1)
+    assert (found.array, found.step) == ("violation_m", 1)
 
 
 def test_what_changed_since_is_named() -> None:
