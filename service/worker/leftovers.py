@@ -11,20 +11,23 @@ from pathlib import Path
 from typing import Self
 
 from service.worker.guard import guard_pid
-from service.worker.processes import end_descendants
+from service.worker.processes import Process, descendants, end_descendants
 
 
 @dataclass(frozen=True)
 class Belongings:
-    """What this process holds. threads: those of Python. descriptors: number and what it leads to."""
+    """What this process holds. processes: that it has started. threads: those of Python. descriptors: number and what
+    it leads to."""
 
+    processes: frozenset[Process]
     threads: frozenset[threading.Thread]
     descriptors: frozenset[tuple[str, str]]
 
     @classmethod
     def now(cls) -> Self:
         """At this moment; without descriptors where the system does not tell them."""
-        return cls(frozenset(threading.enumerate()), frozenset(_descriptors()))
+        started = frozenset(descendants(os.getpid()))
+        return cls(started, frozenset(threading.enumerate()), frozenset(_descriptors()))
 
 
 def end_leftovers(before: Belongings, *, strict: bool) -> tuple[str, ...]:
@@ -32,7 +35,8 @@ def end_leftovers(before: Belongings, *, strict: bool) -> tuple[str, ...]:
 
     strict: threads and descriptors are looked at too, which a process keeps; else processes alone.
     """
-    left = [_counted(end_descendants(os.getpid(), spared=guard_pid()), "process", "processes")]
+    known = {process.pid for process in before.processes} | {guard_pid() or 0}
+    left = [_counted(end_descendants(os.getpid(), spared=known), "process", "processes")]
     if strict:
         after = Belongings.now()
         left.append(_counted(len(after.threads - before.threads), "thread", "threads"))

@@ -8,6 +8,10 @@ import time
 from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from collections.abc import Collection
 
 _ROUNDS = 50  # of killing: each finds what was forked during the one before
 _PAUSE_S = 0.01
@@ -51,11 +55,11 @@ def end_process(process: Process) -> None:
             os.kill(process.pid, signal.SIGKILL)
 
 
-def end_descendants(pid: int, *, spared: int | None = None) -> int:
-    """Kill whatever a process has started, until none of it lives; how many there were. spared: not this one."""
+def end_descendants(pid: int, *, spared: Collection[int] = ()) -> int:
+    """Kill whatever a process has started, until none of it lives; how many there were. spared: not these pids."""
     ended: set[Process] = set()
     for _ in range(_ROUNDS):
-        living = [process for process in descendants(pid) if process.pid != spared]
+        living = [process for process in descendants(pid) if process.pid not in spared]
         if not living:
             break
         for process in living:  # stopped first: none of them starts another one meanwhile
@@ -70,12 +74,12 @@ def end_descendants(pid: int, *, spared: int | None = None) -> int:
     return len(ended)
 
 
-def _reap(pid: int, spared: int | None) -> None:
+def _reap(pid: int, spared: Collection[int]) -> None:
     """Take note of the ends of this process's own children."""
     if pid != os.getpid():
         return
     for child in _children(pid):
-        if child != spared:
+        if child not in spared:
             with suppress(ChildProcessError):
                 os.waitpid(child, os.WNOHANG)
 

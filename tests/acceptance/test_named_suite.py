@@ -35,7 +35,7 @@ def test_a_suite_runs_to_its_report_and_into_its_trend(tmp_path: Path) -> None:
         assert all(float(line["rmse_commanded_mm"]) > 0 for line in lines if line["stable"] == "yes")
         report = http.get(links["results"]).json()
         assert {score["arm"] for score in report["scores"]} == {case.labels["arm"] for case in cases}
-        assert len(report["claims"]) == 9
+        assert len(report["claims"]) == 11
         page = http.get(links["report"])
         assert page.headers["content-type"].startswith("text/html")
         assert NAME in page.text

@@ -271,6 +271,6 @@ def test_the_studies_and_the_processes_through_the_command(tmp_path: Path) -> No
     names = ["throughput", "recording", "memory", "convergence", "forces"]
     done = CliRunner().invoke(main, ["bench", *names, "--quick", "--out", str(tmp_path)])
     assert done.exit_code == 0, done.output
-    for name in ("convergence.md", "convergence.csv", "convergence.svg", "forces.md", "forces.csv", "forces.svg"):
+    for name in ("convergence.md", "convergence.json", "convergence.svg", "forces.md", "forces.csv", "forces.svg"):
         assert (tmp_path / name).stat().st_size > 100
     assert "memory.1617_mb" in done.stdout

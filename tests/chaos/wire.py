@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import gzip
 import http.client
 import socket
 import time
@@ -55,4 +56,6 @@ def ask(url: str, request: Request) -> Answer:
         answer.begin()
         kind = (answer.headers.get("content-type") or "").partition(";")[0]
         body = answer.read(_STREAM_BYTES) if kind == _ENDLESS else answer.read()
+        if answer.headers.get("content-encoding") == "gzip" and kind != _ENDLESS and body:
+            body = gzip.decompress(body)
         return Answer(answer.status, kind, body, time.monotonic() - started)
