@@ -95,6 +95,7 @@ class EventHub:
         self._changes = changes
         self._streams: set[Subscription] = set()
         self._task: asyncio.Task[None] | None = None
+        self._placed = asyncio.Event()  # it knows from where on it hands on events
         self._versions: dict[str, int] = {}  # of the progress that was handed on last
         self.looks = 0
 
@@ -105,16 +106,22 @@ class EventHub:
         mine = Subscription(job_id)
         self._streams.add(mine)
         if self._task is None or self._task.done():
+            self._placed = asyncio.Event()
             self._task = asyncio.get_running_loop().create_task(self._run())
         try:
             yield mine
         finally:
             self._streams.discard(mine)
 
+    async def ready(self) -> None:
+        """Wait until whatever is committed from now on is handed on: only then may a stream read what was before."""
+        await self._placed.wait()
+
     async def _run(self) -> None:
         try:
             with self._changes.watch(EVERYTHING) as changed:
                 position = await self._position()
+                self._placed.set()
                 while self._streams and not self._changes.closed:
                     changed.clear()
                     position, more = await self._look(position)
@@ -123,6 +130,7 @@ class EventHub:
                             await asyncio.wait_for(changed.wait(), LOOK_AGAIN_S)
                     await asyncio.sleep(PAUSE_S)
         finally:
+            self._placed.set()
             self._versions.clear()
             for stream in self._streams:  # those that are left look for themselves whether the server ends
                 stream.dropped = True

@@ -114,6 +114,7 @@ async def _events(service: Service, request: Request, job_id: str | None, after:
     """The events after number `after`, with progress between them, until there can be no more."""
     yield format_sse_event(comment="needlebench", retry=_RETRY_MS)
     with service.events.subscribe(job_id) as waiting:
+        await service.events.ready()
         async for earlier in _before(service, job_id, after):
             after = earlier.seq
             yield earlier.data
