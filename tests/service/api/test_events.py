@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import threading
 from contextlib import ExitStack, contextmanager
 from typing import TYPE_CHECKING
 
@@ -10,6 +11,7 @@ import pytest
 
 from service.api import event_hub
 from service.api.event_hub import EventHub, Subscription
+from service.engine.change_notifier import Changes
 from service.store.job import FINISHED, Outcome
 from tests.service.http import finish, idle_service
 
@@ -181,3 +183,36 @@ def test_a_stream_that_fell_behind_ends_and_says_where_to_begin_again(
     answer = http.get("/api/v1/events?after=0", headers={"Accept": "text/event-stream"})
     assert f'event: dropped\ndata: {{"after": {last}}}' in answer.text
     assert answer.text.count("event: queued") == 1
+
+
+class _SlowLog:
+    """A store whose last event takes as long to find as the test wants."""
+
+    def __init__(self) -> None:
+        self.found = threading.Event()
+
+    def last_event(self) -> int:
+        assert self.found.wait(30)
+        return 7
+
+    def events(self, **_: object) -> list[object]:
+        return []
+
+    def running(self) -> list[object]:
+        return []
+
+
+def test_a_stream_waits_until_the_hub_knows_its_place() -> None:
+    """Else an event between the stream's own reading and that place would be handed on by nobody."""
+    log = _SlowLog()
+
+    async def scene() -> None:
+        hub = EventHub(log, Changes())  # type: ignore[arg-type]
+        with hub.subscribe(None):
+            waiting = asyncio.create_task(hub.ready())
+            await asyncio.sleep(0.1)
+            assert not waiting.done()
+            log.found.set()
+            await asyncio.wait_for(waiting, 30)
+
+    asyncio.run(scene())
