@@ -94,6 +94,7 @@ __all__ = [
     "Tissue",
 ]
 
+LARGEST_SEED = 2**53 - 1  # what JSON readers keep exactly
 SHORT_MM = 1.0  # a path so short was probably written in metres
 
 
@@ -111,7 +112,7 @@ class Scenario(Block):
         default=SCHEMA, alias="schema", description="version of this format"
     )
     name: Name = Field(default="unnamed", description="1 to 100 letters, digits, spaces and . , : + ( ) / - _")
-    seed: Annotated[int, Field(strict=True)] = Field(default=0, ge=0, le=2**53 - 1, description="0 to 2^53 - 1")
+    seed: Annotated[int, Field(strict=True)] = Field(default=0, ge=0, le=LARGEST_SEED, description="0 to 2^53 - 1")
     dt_s: Number = bounded(0.01, 1e-4, 0.1, "time step [ours]")
     noise_mm: Number = bounded(
         0.0, 0.0, 5.0, "uniform noise of the target per axis, held for noise_hold_s [paper: 0.25 in training]"
