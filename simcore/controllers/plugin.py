@@ -7,8 +7,12 @@ from contextlib import contextmanager
 from pathlib import PurePath
 from typing import TYPE_CHECKING
 
+import numpy as np
+
 from simcore.errors import ModelFailureError
 from simcore.plugins import PluginError, factory_of
+
+SEED_STREAM = 3  # of the scenario's seed: beside those of `episode.sensing`
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -28,14 +32,22 @@ class PluginController:
 
     @classmethod
     def load(cls, settings: Plugin, scenario: Scenario, entry_m: Floats, needle_length_m: float) -> PluginController:
-        """Calls the factory: (scenario, entry_m, needle_length_m, settings). Raises PluginError."""
-        factory = factory_of(settings.name)
+        """Calls the factory: (scenario, entry_m, needle_length_m, settings), then `reset(seed)` of what it made, if
+        there is one. Raises PluginError.
+
+        The scenario has that seed too: with its own, the noise of the run could be taken out of what is seen.
+        """
+        factory, seed = factory_of(settings.name), seed_of_controller(scenario.seed)
         with _named(f"controller {settings.name!r}: its factory raised", ""):
-            made = factory(scenario, entry_m.copy(), needle_length_m, dict(settings.settings))
+            shown = scenario.model_copy(update={"seed": seed})
+            made = factory(shown, entry_m.copy(), needle_length_m, dict(settings.settings))
         if not callable(getattr(made, "command", None)):
             raise PluginError(
                 f"controller {settings.name!r}: its factory returned {type(made).__name__}, no Controller"
             )
+        if callable(reset := getattr(made, "reset", None)):
+            with _named(f"controller {settings.name!r}: its reset raised", ""):
+                reset(seed)
         return cls(settings.name, made)
 
     def command(self, observation: Observation) -> Pose:
@@ -44,6 +56,11 @@ class PluginController:
         with _named(f"controller {self.name!r}:", f", step {observation.step}"):
             pose: Pose = self.controller.command(observation)
         return pose
+
+
+def seed_of_controller(seed: int) -> int:
+    """For what a controller draws itself, from the scenario's seed and independent of it; below 2^32."""
+    return int(np.random.SeedSequence([seed, SEED_STREAM]).generate_state(1)[0])
 
 
 @contextmanager

@@ -13,6 +13,7 @@ from threadpoolctl import ThreadpoolController
 from simcore.episode.command import checked_command
 from simcore.episode.endings import after_failure, after_step
 from simcore.episode.observation import Observation
+from simcore.episode.sensing import Camera, View
 from simcore.episode.snapshot import Snapshot, check_same_insertion
 from simcore.episode.targets import Targets
 from simcore.errors import NeedlebenchError, Problem, ScenarioError, Status
@@ -70,6 +71,7 @@ class Episode:
             self.state = self.insertion.initial_state(self.scenario.path().first_tangent())
         self.limits = robot_limits(self.scenario.robot)
         self.targets = Targets(self.scenario, self.insertion)
+        self.view = View(Camera.of(self.scenario), self.state)
         self.commands = DelayedCommands(self.state.base, self.scenario.delay_steps)
         self.before, self.step_number = self.state, 0
         self.status, self.message = self.state.report.status, self.state.report.message
@@ -85,15 +87,15 @@ class Episode:
     @property
     def observation(self) -> Observation:
         """What is seen at this moment."""
-        step, base = self.step_number, self.state.base
+        step, base, image = self.step_number, self.state.base, self.view.seen
         noise = self.targets.noise_m[step]
-        target = self.targets.clean(step, self.state) + noise
-        coming = self.targets.coming(step, self.state) + noise
+        target = self.targets.clean(step, image.tissue_m) + noise
+        coming = self.targets.coming(step, image.tissue_m) + noise
         coming[0] = target
         return Observation(
             step=step,
             base=Pose(base.position_m.copy(), base.rotation.copy()),
-            tip_m=self.state.tip_m.copy(),
+            tip_m=image.tip_m.copy(),
             target_m=target,
             t_s=step * self.scenario.dt_s,
             dt_s=self.scenario.dt_s,
@@ -103,11 +105,12 @@ class Episode:
         )
 
     def reset(self, *, seed: int | None = None) -> Observation:
-        """Back to the beginning. seed: of the noise from now on, 0 to 2^53 - 1; None = as it was. Raises ScenarioError
+        """Back to the beginning. seed: of all noise from now on, 0 to 2^53 - 1; None = as it was. Raises ScenarioError
         for another seed."""
         if seed is not None:
             self._reseed(seed)
         self._go_to(self._first)
+        self.view.seen = self.view.camera.take(0, self.state)
         return self.observation
 
     def step(self, command: Pose, *, limited: bool = True) -> tuple[Observation, bool]:
@@ -127,7 +130,7 @@ class Episode:
 
     def _advance(self, command: Pose, limited: bool) -> None:
         """Wait for the delay, limit, step; then judge."""
-        target_m = self.targets.clean(self.step_number, self.state)
+        target_m = self.targets.clean(self.step_number, self.state.bodies.x)
         base, self.limited = self.commands.due(command), False
         if limited:
             base, self.limited = limited_pose(self.state.base, base, self.limits, self.scenario.dt_s)
@@ -141,6 +144,7 @@ class Episode:
             return
         where = self.where
         self.before, self.state, self.step_number = self.state, state, self.step_number + 1
+        self.view.look(self.step_number, state)
         error_m = float(np.linalg.norm(state.tip_m - target_m))
         status, message = after_step(self.scenario, self.insertion, state, error_m, self.authority)
         self.status, self.message = status, f"{where}: {message}" if message else ""
@@ -168,6 +172,8 @@ class Episode:
             state=self.state,
             kept=self.insertion.workspace.kept(),
             waiting=tuple(self.commands.waiting),
+            seen=self.view.seen,
+            coming=tuple(self.view.coming),
             authority=tuple(self.authority),
         )
 
@@ -205,12 +211,14 @@ class Episode:
             raise ScenarioError([Problem("seed", seed, "must be 0 to 2^53 - 1")])
         self.scenario = self.scenario.model_copy(update={"seed": int(seed)})
         self.targets.draw(self.scenario)
+        self.view.camera = Camera.of(self.scenario)
 
     def _go_to(self, moment: Snapshot) -> None:
         self.insertion.workspace.restore(moment.kept)
         self.before, self.state, self.step_number = moment.before, moment.state, moment.step
         self.status, self.message = moment.status, moment.message
         self.commands.waiting = deque(moment.waiting)
+        self.view.seen, self.view.coming = moment.seen, deque(moment.coming)
         self.authority = list(moment.authority)
         self.limited, self.plant_s = False, 0.0
 

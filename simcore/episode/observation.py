@@ -18,7 +18,7 @@ class Observation:
     frame; its arrays are its own.
 
     Base pose and wrench are those of the robot at this moment. Tip and targets are as they are seen: with the
-    scenario's noise.
+    scenario's noise, and as `sensing` shows them.
 
     base_wrench: (6,) N, N m, force of the robot on the needle and torque about the base. entry_m: (3,), the nominal
     entry, which is the remote centre of motion. targets_m: (n, 3), n at least 1: `target_m`, then the target of each

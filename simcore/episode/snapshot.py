@@ -9,6 +9,7 @@ from simcore.errors import NeedlebenchError
 
 if TYPE_CHECKING:
     from simcore.arrays import Floats
+    from simcore.episode.sensing import Image
     from simcore.errors import Status
     from simcore.insertion.insertion import InsertionState
     from simcore.insertion.state import Kept, Pose
@@ -37,6 +38,8 @@ class Snapshot:
     state: InsertionState
     kept: Kept
     waiting: tuple[Pose, ...]
+    seen: Image
+    coming: tuple[Image, ...]
     authority: tuple[Floats, ...]
 
 

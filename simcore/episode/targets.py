@@ -10,7 +10,7 @@ from simcore.trajectory import held_noise, targets
 
 if TYPE_CHECKING:
     from simcore.arrays import Floats
-    from simcore.insertion.insertion import Insertion, InsertionState
+    from simcore.insertion.insertion import Insertion
     from simcore.scenario.scenario import Scenario
 
 NOISE_HOLD_S = 0.01  # where the scenario names none
@@ -37,18 +37,19 @@ class Targets:
             steps=len(self.rest_m) - 1,
         )
 
-    def clean(self, step: int, state: InsertionState) -> Floats:
-        """n_traj(t_step) (3,) m, world; a path in the tissue frame is carried by the deforming tissue."""
+    def clean(self, step: int, x: Floats) -> Floats:
+        """n_traj(t_step) (3,) m, world; a path in the tissue frame is carried by the tissue, whose nodes are at x."""
         rest: Floats = self.rest_m[step]
-        return self.insertion.material_point_position(state, rest) if self.carried else rest
+        return self.insertion.material_point_position(x, rest) if self.carried else rest
 
-    def coming(self, step: int, state: InsertionState) -> Floats:
-        """(n, 3) m, world: the targets of this step and of at most LOOK_AHEAD more as they are now, without noise."""
+    def coming(self, step: int, x: Floats) -> Floats:
+        """(n, 3) m, world: the targets of this step and of at most LOOK_AHEAD more with the tissue's nodes at x,
+        without noise."""
         last = min(step + LOOK_AHEAD + 1, len(self.rest_m))
         rest = self.rest_m[step:last]
         if not self.carried:
             return rest
-        mesh, x = self.insertion.tissue.mesh, state.bodies.x
+        mesh = self.insertion.tissue.mesh
         self._carriers += [mesh.locate(point) for point in self.rest_m[len(self._carriers) : last]]
         nodes, weights = (np.array(part) for part in zip(*self._carriers[step:last], strict=True))
         moved: Floats = rest + np.einsum("ka,kai->ki", weights, (x - mesh.nodes_m)[nodes])

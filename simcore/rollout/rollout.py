@@ -104,16 +104,17 @@ class _Loop:
     def run(self) -> Rollout:
         """The loop itself."""
         episode, series = self.episode, SeriesBuilder(self.scene())
-        first = self._record(episode.state.base, StepTiming(0.0, 0.0, 0.0))
+        seen = episode.observation
+        first = self._record(episode.state.base, seen, StepTiming(0.0, 0.0, 0.0))
         series.add(first, 0.0)
         self.observer.begin(series.scene, first)
-        begun, seen = self.clock(), episode.observation
+        begun = self.clock()
         while not episode.done:
             made = episode.step_number
             seen, command, command_s = self._advance(seen)
             if command is None or episode.step_number == made:
                 break
-            record = self._record(command, StepTiming(episode.plant_s, self.jacobian_s, command_s))
+            record = self._record(command, seen, StepTiming(episode.plant_s, self.jacobian_s, command_s))
             started = self.clock()
             self.observer.step(record)
             series.add(record, self.clock() - started)
@@ -180,7 +181,7 @@ class _Loop:
         )
         return sealed(scene)
 
-    def _record(self, command: Pose, timing: StepTiming) -> StepRecord:
+    def _record(self, command: Pose, seen: Observation, timing: StepTiming) -> StepRecord:
         episode, state, recording = self.episode, self.episode.state, self.scenario.recording
         step = episode.step_number
         base = state.base
@@ -188,7 +189,6 @@ class _Loop:
         displacement = state.bodies.x - mesh.nodes_m
         strain = strain_extremes(state.bodies.x, mesh.tets, self.insertion.tissue.gradients)
         offset = lateral_offset(self.insertion.model, state.bodies, state.inserted_m)[0]
-        target = episode.targets.clean(step, state)
         frame = step in (0, self.steps) or (recording.enabled and step % recording.every_steps == 0)
         record = StepRecord(
             step=step,
@@ -196,8 +196,9 @@ class _Loop:
             base_position_m=base.position_m.copy(),
             base_rotation=quaternion_from_matrix(base.rotation),
             tip_m=state.tip_m.copy(),
-            target_m=target.copy(),
-            target_noisy_m=target + episode.targets.noise_m[step],
+            tip_seen_m=seen.tip_m.copy(),
+            target_m=episode.targets.clean(step, state.bodies.x).copy(),
+            target_noisy_m=seen.target_m.copy(),
             command_position_m=command.position_m.copy(),
             command_rotation=quaternion_from_matrix(command.rotation),
             limited=episode.limited,

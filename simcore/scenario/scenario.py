@@ -59,6 +59,7 @@ from simcore.scenario.rules import (
     with_entry,
     with_mesh,
 )
+from simcore.scenario.sensing import Sensing, sensing_problems
 from simcore.scenario.validation import problems_of
 from simcore.trajectory import Path
 
@@ -84,6 +85,7 @@ __all__ = [
     "RigidNeedle",
     "Robot",
     "Scenario",
+    "Sensing",
     "SeparateModel",
     "SharedModel",
     "SineTrajectory",
@@ -95,6 +97,10 @@ __all__ = [
 ]
 
 LARGEST_SEED = 2**53 - 1  # what JSON readers keep exactly
+SHARED_WITH_SENSING = (
+    "controller.model.kind = shared: the Jacobian is that of the plant as it is, whatever sensing does to the tip; "
+    "separate has a model of its own"
+)
 SHORT_MM = 1.0  # a path so short was probably written in metres
 
 
@@ -131,6 +137,7 @@ class Scenario(Block):
     needle: Needle = Field(default=Needle(), description="the flexible tube that the robot holds")
     interaction: Interaction = Field(default=Interaction(), description="forces between needle and tissue")
     trajectory: Trajectory = Field(default=StraightTrajectory(), description="what the tip is asked to follow")
+    sensing: Sensing = Field(default=Sensing(), description="how the tip is seen")
     motion: Motion = Field(default=Still(), description="how the held nodes of the tissue move")
     robot: Robot = Field(default=Robot(), description="speed limits of the needle's base")
     controller: Controller = Field(default=InverseFem(), description="what steers the base")
@@ -156,7 +163,8 @@ class Scenario(Block):
         settle(self, "interaction", with_spacing(self.interaction, self.tissue))
         controller = with_model_spacing(self.controller, self.interaction, self.tissue)
         settle(self, "controller", with_file_digest(controller))
-        problems = problems_between(
+        problems = [*hold_problems(self.noise_hold_s, self.dt_s), *sensing_problems(self.sensing, self.dt_s)]
+        problems += problems_between(
             tissue=self.tissue,
             needle=self.needle,
             interaction=self.interaction,
@@ -165,7 +173,7 @@ class Scenario(Block):
             controller=self.controller,
             solver=self.solver,
             dt_s=self.dt_s,
-        ) + hold_problems(self.noise_hold_s, self.dt_s)
+        )
         if problems:
             raise ScenarioError(problems)
         return self
@@ -229,5 +237,7 @@ class Scenario(Block):
         ]
         if (length_mm := 1e3 * self.path().length_m) < SHORT_MM:
             far.append(f"trajectory.target_mm: the path is {length_mm:.3g} mm long; are its points in metres?")
+        if self.sensing.degrades and isinstance(self.controller, InverseFem) and not separate_model(self.controller):
+            far.append(SHARED_WITH_SENSING)
         conditions = self.model_dump(mode="json", include=set(CONDITIONS))
         return [*far, *training_warnings(self.controller, self.trajectory, conditions)]

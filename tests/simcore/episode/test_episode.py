@@ -221,7 +221,7 @@ def test_a_carried_target_is_where_the_tissue_has_it_now() -> None:
     seen = episode.observation
     for ahead in (0, 3, 10):
         rest = episode.targets.rest_m[8 + ahead]
-        carried = episode.insertion.material_point_position(episode.state, rest)
+        carried = episode.insertion.material_point_position(episode.state.bodies.x, rest)
         np.testing.assert_allclose(seen.targets_m[ahead], carried, atol=1e-15)
         assert np.linalg.norm(carried - rest) > 1e-4
 
