@@ -44,6 +44,7 @@ NAMES = (
     "memory",
     "profile",
     "convergence",
+    "work-precision",
     "sweeps",
     "forces",
 )
