@@ -97,7 +97,7 @@ def keys(part: Part) -> set[str]:
 
 def test_the_names() -> None:
     assert tuple(BENCHMARKS) == NAMES
-    assert select([]) == list(NAMES[:-3])
+    assert select([]) == list(NAMES[:-4])
     assert select(["step", "micro", "step"]) == ["step", "micro"]
     with pytest.raises(ScenarioError, match=r"steps.*micro, step"):
         select(["steps"])
