@@ -9,6 +9,8 @@ from collections import Counter
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+import pytest
+
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
@@ -93,6 +95,7 @@ def top(name: str) -> str:
 # ---- what may import what
 
 
+@pytest.mark.slow
 def test_simcore_needs_numbers_only() -> None:
     """No service, no Rerun, no HTTP, no database: the physics runs wherever its arrays do."""
     known = SIMCORE_NEEDS | {"simcore"} | (sys.stdlib_module_names - NETWORK)
@@ -117,6 +120,7 @@ def test_no_folder_is_a_hall() -> None:
     assert not {folder: modules for folder, modules in folders.items() if modules > MAXIMUM_MODULES}
 
 
+@pytest.mark.slow
 def test_no_function_is_too_long() -> None:
     found = {}
     for path in [*SHIPPED, *ALONE]:
@@ -128,6 +132,7 @@ def test_no_function_is_too_long() -> None:
     assert not {name: lines for name, lines in found.items() if lines > MAXIMUM_FUNCTION_LINES}
 
 
+@pytest.mark.slow
 def test_every_module_says_what_it_is() -> None:
     full = [path for path in [*SHIPPED, *ALONE] if path.read_text("utf-8").strip()]
     assert not [str(path.relative_to(ROOT)) for path in full if not ast.get_docstring(tree_of(path))]

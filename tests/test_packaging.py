@@ -89,6 +89,7 @@ def test_wheel_has_command_licences_and_commit(wheel: zipfile.ZipFile) -> None:
     assert wheel.read("simcore/_commit.txt").decode() == COMMIT + "\n"
 
 
+@pytest.mark.slow
 def test_the_source_archive_builds_the_same_wheel(wheel: zipfile.ZipFile, tmp_path: Path) -> None:
     with tarfile.open(build("sdist", tmp_path / "sdist")) as archive:
         archive.extractall(tmp_path / "source", filter="data")

@@ -34,6 +34,8 @@ if TYPE_CHECKING:
     from benchmarks.measurements import Part
     from simcore.scenario.scenario import Scenario
 
+pytestmark = pytest.mark.slow
+
 NAMES = (
     "micro",
     "step",

@@ -74,6 +74,7 @@ def test_holm_by_hand() -> None:
     assert statistics.holm([]).size == 0
 
 
+@pytest.mark.slow
 def test_holm_counts_all_16_whether_they_could_be_made_or_not() -> None:
     def one_plant(cell: Cell, point: int, number: int) -> Measure | None:
         measured = elm_is(-0.1)(cell, point, number)
@@ -203,6 +204,7 @@ def test_a_cell_shows_what_its_error_was_paid_with() -> None:
     assert math.isnan(score(cell, []).rmse_mm.median)
 
 
+@pytest.mark.slow
 def test_a_family_has_a_verdict_if_all_of_it_has() -> None:
     def by_plant(cell: Cell, point: int, number: int) -> Measure:
         return elm_is(-0.2 if cell.plant.name == "converged" else 0.2)(cell, point, number)
@@ -219,6 +221,7 @@ def test_a_family_has_a_verdict_if_all_of_it_has() -> None:
 # ---- the report
 
 
+@pytest.mark.slow
 def test_the_report_holds_everything_and_the_page_shows_it(tmp_path: Path) -> None:
     measure = elm_is(-0.2)
     outcomes = made(lambda *where: (math.inf, 0.5) if where[2] == 3 else measure(*where), names=ALL)

@@ -40,6 +40,7 @@ def test_the_size_of_a_block_is_that_of_the_model_that_is_made(tissue: dict[str,
     assert model.band <= size.band <= 1.05 * model.band + 12
 
 
+@pytest.mark.slow
 def test_the_size_of_a_file_is_that_of_the_model_that_is_made(tmp_path: Path) -> None:
     path, _ = write_box(tmp_path, "box.vtk")
     tissue = {"mesh_file": str(path), "fixed_faces": ["y_min", "y_max"]}

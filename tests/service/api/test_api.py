@@ -222,6 +222,7 @@ def test_a_complete_recording_has_ranges_and_a_tag(both: tuple[TestClient, Servi
     assert http.get(url, headers={"If-None-Match": whole.headers["etag"]}).status_code == 304
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("asked", "status"), [("bytes=99-", 416), ("bytes=x", 400)])
 def test_a_range_that_cannot_be_given_is_a_problem(both: tuple[TestClient, Service], asked: str, status: int) -> None:
     http, service = both

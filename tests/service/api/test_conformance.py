@@ -65,6 +65,7 @@ def test_a_code_and_a_status_that_disagree_are_refused() -> None:
         code_of(503, "queue-full")
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("method", "path", "code"),
     [
@@ -132,6 +133,7 @@ def test_lists_are_not_kept_by_caches(http: TestClient) -> None:
         assert http.get(path).headers["cache-control"] == "no-store"
 
 
+@pytest.mark.slow
 def test_text_is_compressed_for_those_who_take_it(both: Both) -> None:
     http, service = both
     job, *_ = [http.post(JOBS, json={"scenario": "line"}).json() for _ in range(3)]

@@ -126,6 +126,7 @@ async def _settled(hub: EventHub, streams: list[Subscription], number: int) -> N
     del hub
 
 
+@pytest.mark.slow
 def test_one_look_a_change_serves_all_streams_and_a_slow_one_is_dropped(
     both: tuple[TestClient, Service], monkeypatch: pytest.MonkeyPatch
 ) -> None:

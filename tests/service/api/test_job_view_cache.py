@@ -69,6 +69,7 @@ def change(service: Service, what: str, job: Job) -> None:
 _CHANGES = ("claim", "beat", "finish", "exchange", "crash", "recover", "retry", "pin", "unpin", "cancel", "delete")
 
 
+@pytest.mark.slow
 @settings(max_examples=examples(25))
 @given(st.lists(st.sampled_from(_CHANGES), max_size=12))
 def test_every_change_is_seen(changes: list[str]) -> None:

@@ -91,6 +91,7 @@ def levels(body: dict[str, Any]) -> dict[str, str]:
     return {check["name"]: check["level"] for check in body["checks"]}
 
 
+@pytest.mark.slow
 def test_readiness_names_what_was_looked_at(both: tuple[TestClient, Service]) -> None:
     told = both[0].get("/readyz").json()
     well = {"service": "ok", "workers": "warn", "threads": "ok", "disk": "ok", "data folder": "ok", "database": "ok"}
@@ -125,6 +126,7 @@ def test_readiness_warns_when_files_run_short_and_then_refuses(
     assert "room for 0 more files (inodes): no job is started below 1000" in told.json()["detail"]
 
 
+@pytest.mark.slow
 def test_readiness_sees_a_database_that_is_locked_and_one_that_is_free_again(
     both: tuple[TestClient, Service],
 ) -> None:
@@ -164,6 +166,7 @@ def doctor(*words: str) -> Result:
     return CliRunner().invoke(main, ("doctor", *words))
 
 
+@pytest.mark.slow
 def test_the_doctor_finds_a_fresh_place_well_and_changes_nothing(tmp_path: Path) -> None:
     told = doctor("--data", str(tmp_path / "data"), "--json")
     found = {check["name"]: check for check in map(json.loads, told.output.splitlines())}
@@ -175,6 +178,7 @@ def test_the_doctor_finds_a_fresh_place_well_and_changes_nothing(tmp_path: Path)
     assert not (tmp_path / "data").exists()
 
 
+@pytest.mark.slow
 def test_the_doctor_finds_a_newer_and_a_broken_database(tmp_path: Path) -> None:
     path = tmp_path / "needlebench.sqlite"
     open_database(path).dispose()
@@ -189,12 +193,14 @@ def test_the_doctor_finds_a_newer_and_a_broken_database(tmp_path: Path) -> None:
     assert (broken.exit_code, "is damaged" in broken.output) == (1, True)
 
 
+@pytest.mark.slow
 def test_the_doctor_finds_a_full_disk(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(checks, "free_bytes", lambda _: 10)
     full = doctor("--data", str(tmp_path))
     assert (full.exit_code, "needlebench gc" in full.output) == (1, True)
 
 
+@pytest.mark.slow
 def test_the_doctor_finds_a_damaged_web_viewer(tmp_path: Path) -> None:
     home = tmp_path / "viewer" / viewer_files.edition()
     home.mkdir(parents=True)

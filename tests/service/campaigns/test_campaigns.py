@@ -110,6 +110,7 @@ def test_a_dry_run_queues_nothing(both: tuple[TestClient, Service]) -> None:
     assert http.get("/api/v1/campaigns").json()["items"] == []
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("body", "words"),
     [
@@ -157,6 +158,7 @@ def test_cancelling_keeps_what_is_finished(both: tuple[TestClient, Service]) -> 
     assert http.get(made["links"]["self"]).json()["state"] == "cancelled"
 
 
+@pytest.mark.slow
 def test_results_outlive_their_jobs(both: tuple[TestClient, Service]) -> None:
     http, service = both
     done = ended(both)
@@ -187,6 +189,7 @@ def test_results_as_csv_and_as_a_page(both: tuple[TestClient, Service]) -> None:
         assert http.get(urljoin(done["links"]["report"], link)).status_code == 200
 
 
+@pytest.mark.slow
 def test_a_named_suite_has_the_report_of_the_paper(both: tuple[TestClient, Service]) -> None:
     http, service = both
     made = start(http, {"suite": "lin100-v2-smoke"})
@@ -227,6 +230,7 @@ def test_two_campaigns_and_two_controllers_are_compared(both: tuple[TestClient, 
     assert http.post("/api/v1/comparisons", json={"campaigns": [one["id"], "ffff"]}).status_code == 404
 
 
+@pytest.mark.slow
 def test_a_trend_marks_what_got_worse(both: tuple[TestClient, Service]) -> None:
     http, _ = both
     ended(both)

@@ -165,6 +165,7 @@ def gone(group: int, *, within_s: float) -> bool:
 # ---- train
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("kind", ["elm", "linear", "neighbours", "mlp"])
 def test_each_kind_is_trained_and_told(data: Path, kind: str) -> None:
     path = data.with_name("model.json")
@@ -186,6 +187,7 @@ def test_the_same_command_gives_the_same_file(data: Path) -> None:
     assert json.loads(one)["settings"] == {"nodes": 7, "ridge": 1e-6, "weight_range": 1.0, "seed": 1}
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
@@ -231,6 +233,7 @@ def test_the_example_runs_as_it_is_and_beats_the_rigid_needle(tmp_path: Path) ->
     assert float(plugin.split()[-2]) < float(rigid.split()[-2])
 
 
+@pytest.mark.slow
 def test_the_example_mesh_is_small_and_has_named_groups(tmp_path: Path) -> None:
     """What is printed is a mesh that the reader takes, with every group that the help names."""
     text = invoke("example", "mesh").output

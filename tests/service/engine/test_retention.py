@@ -80,6 +80,7 @@ def cleared(service: Service, policy: Policy, days: list[float], *, pin: int | N
 DAYS = [10.0, 50.0, 69.0, 71.0, 99.0]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("policy", "gone"),
     [
@@ -179,6 +180,7 @@ def steer(model: str) -> dict[str, object]:
     return {"trajectory": {"kind": "line"}, "controller": {"kind": "linear", "model": model}}
 
 
+@pytest.mark.slow
 def test_uploads_go_by_age_unless_something_names_them(both: tuple[TestClient, Service]) -> None:
     http, service = both
     sent = Sent(http, service)
@@ -206,6 +208,7 @@ def test_uploads_go_by_age_unless_something_names_them(both: tuple[TestClient, S
     assert sent.cleared() == {"pinned", "by_schedule"}
 
 
+@pytest.mark.slow
 def test_a_data_set_stays_as_long_as_a_model_that_learned_from_it(both: tuple[TestClient, Service]) -> None:
     http, service = both
     sent = Sent(http, service)
@@ -225,6 +228,7 @@ def test_a_data_set_stays_as_long_as_a_model_that_learned_from_it(both: tuple[Te
     assert sent.cleared() == {"trained", "data"}
 
 
+@pytest.mark.slow
 def test_a_file_without_a_row_is_swept(both: tuple[TestClient, Service]) -> None:
     """What a kill between the two leaves."""
     http, service = both

@@ -115,6 +115,7 @@ def steered(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, str]:
     return data, job.id
 
 
+@pytest.mark.slow
 def test_a_job_that_names_an_upload_is_run_again_from_its_data_folder(steered: tuple[Path, str]) -> None:
     data, job_id = steered
     told = needlebench("verify", job_id, "--data", str(data))

@@ -272,6 +272,7 @@ def content(path: Path) -> dict[tuple[str, str, str], str]:
     return found
 
 
+@pytest.mark.slow
 def test_the_same_run_gives_the_same_content_however_long_its_steps_take(tmp_path: Path) -> None:
     contents = []
     for name, step_s in (("first", 0.0), ("second", 0.0), ("slow", 0.3)):
@@ -309,6 +310,7 @@ def test_a_run_that_raises_leaves_a_readable_recording(tmp_path: Path) -> None:
     assert list(recorded(path, "world/tip", "Points3D:positions")) == list(range(78))
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(sys.platform != "linux", reason="counts native threads by /proc")
 def test_recordings_leave_no_threads_however_they_end(tmp_path: Path) -> None:
     def ends(name: str, run: FakeRun) -> None:
@@ -355,6 +357,7 @@ with RerunObserver(Path(sys.argv[1]), recording_id="killed", clock=lambda: 0.0) 
 """
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(os.name == "nt", reason="POSIX signals")
 @pytest.mark.parametrize(
     ("sent", "code", "steps"),
@@ -425,6 +428,7 @@ print(recorder.warning)
 """
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(os.name == "nt", reason="POSIX limits")
 def test_a_full_disk_is_a_warning(tmp_path: Path) -> None:
     root = Path(recording.__file__).parents[2]
@@ -461,6 +465,7 @@ def test_plain_values() -> None:
     assert plain == {"a.b": 1.0, "a.d": '[1, "x"]', "e": True, "g": "text"}
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("long_steps", "compacted"), [(STEPS, 1), (STEPS + 1, 0)])
 def test_only_long_recordings_are_compacted(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, long_steps: int, compacted: int

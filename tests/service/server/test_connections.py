@@ -98,6 +98,7 @@ def test_a_connection_that_says_nothing_is_closed() -> None:
     checked(scenario())
 
 
+@pytest.mark.slow
 def test_a_body_that_drips_is_408_and_one_that_flows_is_read() -> None:
     async def scenario() -> None:
         head = b"POST / HTTP/1.1\r\nHost: localhost\r\nContent-Length: 100000\r\n\r\n"

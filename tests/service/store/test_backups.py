@@ -105,6 +105,7 @@ def test_a_log_that_was_removed_is_refused(store: Store, data: Path, tmp_path: P
         open_database(killed / DATABASE)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("damage", ["zeros inside", "cut in half", "another file", "empty pages"])
 def test_a_damaged_file_is_refused_with_the_newest_backup(store: Store, data: Path, damage: str) -> None:
     submit(store, 200)
@@ -256,6 +257,7 @@ backups.take_backup(Path(sys.argv[1]), Path(sys.argv[2]), with_files=True, now=1
 """
 
 
+@pytest.mark.slow
 def test_a_backup_that_is_killed_leaves_no_backup_and_a_sound_store(store: Store, data: Path, tmp_path: Path) -> None:
     for job_id in submit(store, 60):
         with_file(store, data, job_id)

@@ -76,6 +76,7 @@ def test_scopes_are_steps(both: tuple[TestClient, Service]) -> None:
     assert "scope submit; yours has read" in refused.json()["detail"]
 
 
+@pytest.mark.slow
 def test_what_another_key_made_is_changed_by_admin_only(both: tuple[TestClient, Service]) -> None:
     http, service = both
     mine, other, admin = (bearer(service, scope) for scope in ("submit", "submit", "admin"))

@@ -92,6 +92,7 @@ def test_a_course_is_of_one_attempt_and_never_long() -> None:
     assert len(trace.points_of(second)) == 1  # type: ignore[arg-type]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "address", ["/nothing", "/?state=odd", "/jobs/%3Cscript%3E", "/trends/", "/campaigns?cursor=x"]
 )

@@ -142,6 +142,7 @@ def _failed(http: TestClient, service: Service) -> str:
     return made
 
 
+@pytest.mark.slow
 def test_pages_are_sound_html_and_accessible(site: Site) -> None:
     http, _, pages = site
     for address in pages:
@@ -159,6 +160,7 @@ def test_pages_are_sound_html_and_accessible(site: Site) -> None:
         assert all("alt" in attributes for tag, attributes in page.found if tag == "img"), address
 
 
+@pytest.mark.slow
 def test_every_control_has_a_name(site: Site) -> None:
     http, _, pages = site
     for address in pages:
@@ -172,6 +174,7 @@ def test_every_control_has_a_name(site: Site) -> None:
                 assert named or inside, (address, attributes)
 
 
+@pytest.mark.slow
 def test_pages_keep_to_a_strict_policy_and_load_nothing_from_elsewhere(site: Site) -> None:
     http, _, pages = site
     for address in pages:
@@ -187,6 +190,7 @@ def test_pages_keep_to_a_strict_policy_and_load_nothing_from_elsewhere(site: Sit
                 assert not re.match(r"(\w+:)?//", str(attributes.get(name, ""))), (address, attributes)
 
 
+@pytest.mark.slow
 def test_every_link_answers(site: Site) -> None:
     http, _, pages = site
     links = set()
@@ -199,6 +203,7 @@ def test_every_link_answers(site: Site) -> None:
         assert waits or http.get(link).status_code == 200, link
 
 
+@pytest.mark.slow
 def test_hostile_names_stay_text(site: Site) -> None:
     http, _, pages = site
     seen = 0

@@ -36,6 +36,7 @@ def by_name(outcomes: list[Outcome]) -> dict[str, Outcome]:
     return {outcome.case.id.partition("-")[2]: outcome for outcome in outcomes}
 
 
+@pytest.mark.slow
 @linux
 def test_every_case_has_an_outcome_whatever_becomes_of_it(shared: tuple[Crew, Path], tmp_path: Path) -> None:
     crew, _ = shared
@@ -89,6 +90,7 @@ def test_nobody_is_left_behind(tmp_path: Path) -> None:
     until(lambda: not alive(pid))
 
 
+@pytest.mark.slow
 @linux
 def test_batches_are_done_one_by_each_worker_with_one_attempt_a_case(tmp_path: Path) -> None:
     with Crew(2, folder=tmp_path, files=tmp_path, runner=RUNNER) as crew:
@@ -103,6 +105,7 @@ def test_batches_are_done_one_by_each_worker_with_one_attempt_a_case(tmp_path: P
             crew.run_batches([first])
 
 
+@pytest.mark.slow
 @linux
 def test_a_crew_whose_workers_never_get_ready_says_so(tmp_path: Path) -> None:
     with (

@@ -56,6 +56,7 @@ def started(folder: Path) -> int:
     return int(pids.read_text())
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["forks", "forks apart"])
 def test_a_forked_child_ends_with_its_job(worker: WorkerProcess, tmp_path: Path, name: str) -> None:
     report = run(worker, tmp_path, name)
@@ -77,6 +78,7 @@ def test_a_job_that_leaves_nothing_keeps_its_process(worker: WorkerProcess, tmp_
     assert first.leftovers == second.leftovers == ()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["forks and exits", "nothing and exits"])
 def test_a_job_that_ends_its_process_with_code_0_is_a_death(worker: WorkerProcess, tmp_path: Path, name: str) -> None:
     pid = begin(worker, tmp_path, name)
@@ -96,6 +98,7 @@ def test_a_child_that_has_gone_apart_ends_when_its_job_is_cut_short(worker: Work
     until(lambda: not alive(child))
 
 
+@pytest.mark.slow
 def test_the_group_ends_with_a_worker_that_was_killed(worker: WorkerProcess, tmp_path: Path) -> None:
     pid = begin(worker, tmp_path, "hoards in a child")
     child = started(tmp_path)
@@ -104,6 +107,7 @@ def test_the_group_ends_with_a_worker_that_was_killed(worker: WorkerProcess, tmp
     worker.kill()
 
 
+@pytest.mark.slow
 def test_memory_of_a_child_counts(worker: WorkerProcess, tmp_path: Path) -> None:
     begin(worker, tmp_path, "hoards in a child")
     started(tmp_path)

@@ -135,6 +135,7 @@ seeds = st.integers(0, 2**32 - 1)
 frictions = st.just(0.0) | st.floats(0.01, 0.3)
 
 
+@pytest.mark.slow
 @quick
 @given(seeds, st.integers(1, 3), st.sampled_from([0.0, 0.1, 0.3]), st.booleans(), st.booleans())
 def test_solution_is_one_of_brute_force(

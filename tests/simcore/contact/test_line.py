@@ -188,6 +188,7 @@ CASES: dict[str, dict[str, Any]] = {
 }
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", CASES)
 def test_the_total_depends_neither_on_the_ball_nor_on_the_mesh(name: str) -> None:
     """u_mesh + G for balls of 4 and 6 mm on meshes of 8 and 6 mm: within 3 % of each other, where the linear meshes

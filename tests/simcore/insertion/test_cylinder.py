@@ -52,6 +52,7 @@ def cylinder_fields(folder: Path, **blocks: dict[str, Any]) -> dict[str, Any]:
     return data
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("frame", ["world", "tissue"])
 def test_a_cylinder_runs(tmp_path: Path, frame: str) -> None:
     """Curved surface, entry from the side; the tip comes to the target, every step converged; twice the same."""

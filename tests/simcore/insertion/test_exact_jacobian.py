@@ -140,6 +140,7 @@ def test_sticking_and_slipping(walk: dict[str, Case], kind: str, name: str) -> N
     assert fast.max() > 1e-2
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("kind", ["line", "sine"])
 def test_paper_block_at_four_depths(kind: str) -> None:
     """I-FEM on a line and on a sine, at 3, 30, 70 and 110 mm of a block of the paper's size, coarsely meshed."""

@@ -103,6 +103,7 @@ def test_forces_and_moments_balance_at_every_step(plant: str, curved: Trip) -> N
     )
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("element_mm", [10.0, 7.5, 6.0])
 def test_no_locking(element_mm: float) -> None:
     """Hard rows closer than the mesh can resolve fight each other (a ratio of 118 was seen below h). From
@@ -160,6 +161,7 @@ def test_puncture_at_its_force(puncture_n: float) -> None:
     assert forces[opened] == pytest.approx(CUTTING_N + ADHESION_N_PER_M * after.inserted_m, abs=1e-8)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("element_mm", "spacing_mm"),
     [(10.0, 10.0), (10.0, 13.0), (10.0, 20.0), (6.5, 13.0), (4.0, 5.0), (4.0, 8.0)],

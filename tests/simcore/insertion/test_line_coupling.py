@@ -78,6 +78,7 @@ def stored(trip: Trip) -> Vector:
     return np.array([[held(tissue, s.bodies.x)[2], beam_energy(needle, s.bodies), line_energy(s)] for s in trip.states])
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("spacing_mm", "share"), [(6.0, 0.15), (3.0, 0.05)])
 def test_energy_closes_over_push_hold_withdrawal_and_re_entry(spacing_mm: float, share: float) -> None:
     """Without friction, quasi-static: work of the robot = energies of tissue, needle and line + f_cut times the way

@@ -116,6 +116,7 @@ def watched(scenario: Scenario) -> Rollout:
     return rollout
 
 
+@pytest.mark.slow
 def test_an_unused_perturbation_leaves_the_plant_bit_identical() -> None:
     scenario = short_scenario()
     plain = run(scenario)
@@ -125,6 +126,7 @@ def test_an_unused_perturbation_leaves_the_plant_bit_identical() -> None:
     verify("reproducibility", text, expected=0, measured=different, tolerance=0, source=source)
 
 
+@pytest.mark.slow
 def test_steers_like_the_exact_jacobian() -> None:
     """The same map linearised in two ways: tips within a hundredth of a step, and not the same bits."""
     exact, perturbed = run(short_scenario(derivative="exact")), run(short_scenario(jacobian="perturbation"))

@@ -78,6 +78,7 @@ def test_a_thin_needle_buckles_at_the_load_of_euler() -> None:
     assert 0.9 * euler_n < found.metrics["max_push_n"] < 1.03 * euler_n
 
 
+@pytest.mark.slow
 def test_a_step_that_fails_just_below_the_limit_is_named_after_it() -> None:
     insertion, state = inserted(THIN)
     failed = replace(state, report=replace(state.report, status=Status.NOT_CONVERGED, message="residual 1 N"))

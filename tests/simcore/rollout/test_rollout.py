@@ -104,6 +104,7 @@ def test_recording_does_not_change_the_digest(plain: Rollout, recording: dict[st
     np.testing.assert_array_equal(other.series["tissue_m"][-1], plain.series["tissue_m"][-1])
 
 
+@pytest.mark.slow
 def test_other_runs_in_between_do_not_matter(plain: Rollout) -> None:
     run(short(seed=99, tissue={"young_kpa": 2.0}))
     verify_same("after runs of another seed and stiffness", [run(short()).digest], plain.digest)
@@ -169,6 +170,7 @@ def digest_elsewhere(scenario: Scenario, **environment: str) -> str:
     return done.stdout.strip()
 
 
+@pytest.mark.slow
 def test_another_process_gives_the_same_digest(plain: Rollout) -> None:
     threads = {"OMP_NUM_THREADS": "2", "OPENBLAS_NUM_THREADS": "2", "PYTHONHASHSEED": "7"}
     verify_same("another process, two threads asked for", [digest_elsewhere(short(), **threads)], plain.digest)
@@ -408,6 +410,7 @@ def test_the_loop_has_one_thread(monkeypatch: pytest.MonkeyPatch) -> None:
 ENDED = (Status.TARGET_LOST, Status.BUCKLED, Status.AUTHORITY_LOST, Status.SHAFT_BESIDE)  # by a step that converged
 
 
+@pytest.mark.slow
 @settings(max_examples=examples(50), deadline=None, suppress_health_check=list(HealthCheck))
 @given(small_runs())
 def test_any_small_run_ends_by_name_with_finite_rows_and_a_stable_digest(data: dict[str, Any]) -> None:
