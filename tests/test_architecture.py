@@ -102,6 +102,7 @@ def test_simcore_needs_numbers_only() -> None:
     assert not offences(of("simcore"), lambda _, name: top(name) in known)
 
 
+@pytest.mark.slow
 def test_benchmarks_need_simcore_only() -> None:
     known = BENCHMARKS_NEED | {"needlebench"} | (sys.stdlib_module_names - NETWORK)
     assert not offences(of("benchmarks"), lambda _, name: top(name) in known)
@@ -147,11 +148,13 @@ def lines_matching(pattern: str, paths: list[Path]) -> list[str]:
     ]
 
 
+@pytest.mark.slow
 def test_no_loose_ends() -> None:
     words = ("TO" + "DO", "FIX" + "ME", "XX" + "X", "HA" + "CK")
     assert not lines_matching(rf"\b({'|'.join(words)})\b", [*SHIPPED, *ALONE, *TESTS])
 
 
+@pytest.mark.slow
 def test_no_paths_of_one_machine() -> None:
     folders = ("work", "home", "Users", "root", "mnt")
     texts = [p for pattern in ("*.md", "*.toml", "*.cff", "Makefile") for p in ROOT.glob(pattern)]

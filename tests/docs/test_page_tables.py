@@ -38,6 +38,7 @@ def test_every_part_that_a_page_asks_for_is_there(name: str) -> None:
     assert program("page_tables").part(name).strip()
 
 
+@pytest.mark.slow
 def test_the_page_about_http_lists_every_kind_of_problem() -> None:
     from service.api.problem_codes import CODES
 

@@ -103,6 +103,7 @@ def test_the_order_of_outcomes_changes_nothing() -> None:
     assert document(outcomes[::-1], timing=timings()[::-1], learning=learning()[::-1]) == one
 
 
+@pytest.mark.slow
 def test_every_part_is_there(report: dict[str, Any]) -> None:
     assert len(report["claims"]) == 11
     assert {s["arm"] for s in report["scores"]} == {"ifem", "elm", "mlp", "open_loop", "rigid"}

@@ -128,6 +128,7 @@ def test_fewer_directions_are_taken_in_turn() -> None:
     assert len(set(suites.curved_paths(3))) == 12
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("scale", SCALES.values(), ids=list(SCALES))
 def test_seeds_run_where_every_controller_ran(scale: Scale) -> None:
     """So that a seed's error can be compared with those of I-FEM and the references on the same paths."""
@@ -194,6 +195,7 @@ def test_a_plan_tells_time_and_space() -> None:
     assert 1e6 < plan.bytes < 1e9
 
 
+@pytest.mark.slow
 def test_the_papers_own_insertions_are_counted_apart() -> None:
     cases = [case for stage in Plan(SCALES["full"]).stages if not stage.alone for case in stage.cases]
     none = LearningCurves((), 0.0, 25, 20)

@@ -100,6 +100,7 @@ def test_each_verdict() -> None:
     assert {one.claim.verdict for one in planned([])} == {UNDECIDED}
 
 
+@pytest.mark.slow
 def test_ties_are_left_out_of_the_test_and_told() -> None:
     def half(cell: Cell, point: int, number: int) -> Measure:
         return elm_is(-0.2 if point < 9 else 0.0)(cell, point, number)
@@ -158,6 +159,7 @@ def test_what_is_above_the_budget_is_counted_and_left_out() -> None:
     assert "outside of the budget of 2.5 mm: 60 of 80 ELM, 0 of 80 I-FEM" in one.claim.reason
 
 
+@pytest.mark.slow
 def test_without_a_pair_inside_the_budget_nothing_is_decided() -> None:
     found = planned(made(lambda cell, *_: (0.1, 3.0) if cell.arm == "elm" else (0.3, 0.2), names=ALL))
     assert {one.claim.verdict for one in found} == {UNDECIDED}

@@ -29,6 +29,7 @@ def volumes_mm3(nodes: np.ndarray, tets: np.ndarray) -> np.ndarray:
     return np.asarray(np.linalg.det(corners[:, 1:] - corners[:, :1]) / 6.0)
 
 
+@pytest.mark.slow
 @given(x=st.floats(0.0, 36.0), y=st.floats(0.0, 62.0), depth=st.floats(20.0, 122.0), grading=st.floats(0.0, 4.0))
 def test_a_graded_block_is_sound_wherever_its_path_ends(x: float, y: float, depth: float, grading: float) -> None:
     """No tetrahedron is turned over, the volume is the block's, walls and surface are where they were."""

@@ -77,6 +77,7 @@ DEMO = preset("demo").resolved()
 FINE = {"tissue": {"element_size_mm": 3}, "trajectory": {"target_mm": [18, 31, 100]}}
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("scenario", "limits", "field", "told"),
     [
@@ -105,6 +106,7 @@ def test_a_job_beyond_a_limit_is_refused_with_its_estimate(
 LONG = {"dt_s": 1e-3, "controller": {"derivative": "exact"}, "trajectory": {"target_mm": [18, 31, 122]}}
 
 
+@pytest.mark.slow
 def test_a_long_job_may_take_four_times_its_estimate_and_a_short_one_an_hour(tmp_path: Path) -> None:
     cost = cost_of(Scenario.load({**LONG, "dt_s": 1e-4}))
     assert 3600 < 4 * cost.time_s < 86400

@@ -84,6 +84,7 @@ def test_every_change_is_seen(changes: list[str]) -> None:
         service.store.close()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("verb", ["cancel", "delete"])
 def test_what_is_done_to_a_campaign_is_done_to_its_jobs(tmp_path: Path, verb: str) -> None:
     with idle_service(tmp_path) as (http, service):

@@ -62,6 +62,7 @@ def test_uploads_models_and_cases_come_by_pages(http: TestClient) -> None:
     assert flat(cases) == flat(pages(http, f"campaigns/{campaign}/jobs"))
 
 
+@pytest.mark.slow
 def test_jobs_are_listed_by_name_and_by_campaign(http: TestClient) -> None:
     for name in ("one", "two", "two"):
         http.post(f"{API}/jobs", json={"scenario": {"name": name}})

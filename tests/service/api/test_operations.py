@@ -43,6 +43,7 @@ def figures(http: TestClient) -> dict[str, dict[tuple[str, ...], float]]:
     return found
 
 
+@pytest.mark.slow
 def test_metrics_count_jobs_answers_and_room(both: tuple[TestClient, Service]) -> None:
     http, service = both
     for _ in range(3):
@@ -63,6 +64,7 @@ def test_metrics_count_jobs_answers_and_room(both: tuple[TestClient, Service]) -
     assert found["process_open_fds"][()] > 0
 
 
+@pytest.mark.slow
 def test_made_up_methods_are_counted_as_one(both: tuple[TestClient, Service]) -> None:
     http, _ = both
     for number in range(5):
@@ -72,6 +74,7 @@ def test_made_up_methods_are_counted_as_one(both: tuple[TestClient, Service]) ->
     assert sum(count for labels, count in counted.items() if labels[0] == "other") == 5
 
 
+@pytest.mark.slow
 def test_methods_that_a_route_does_not_take_are_counted_as_one(both: tuple[TestClient, Service]) -> None:
     http, _ = both
     for method in ("PUT", "PATCH", "DELETE", "OPTIONS"):
@@ -80,6 +83,7 @@ def test_methods_that_a_route_does_not_take_are_counted_as_one(both: tuple[TestC
     assert {labels: count for labels, count in counted.items() if labels[2] == "405"} == {("other", JOBS, "405"): 4}
 
 
+@pytest.mark.slow
 def test_two_services_do_not_share_their_figures(tmp_path: Path) -> None:
     with idle_service(tmp_path / "a") as (one, _), idle_service(tmp_path / "b") as (other, _):
         one.post(JOBS, json={"scenario": "line"})
@@ -114,6 +118,7 @@ def test_readiness_warns_of_a_disk_that_runs_short_and_then_refuses(
     assert "no job is started below 256.0 MB" in full.json()["detail"]
 
 
+@pytest.mark.slow
 def test_readiness_warns_when_files_run_short_and_then_refuses(
     both: tuple[TestClient, Service], monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -150,6 +155,7 @@ def test_readiness_sees_a_data_folder_that_is_gone(both: tuple[TestClient, Servi
     assert http.get("/readyz").status_code == 200
 
 
+@pytest.mark.slow
 def test_a_draining_service_refuses_new_work(both: tuple[TestClient, Service]) -> None:
     http, service = both
     job = http.post(JOBS, json={"scenario": "line"}).json()["id"]

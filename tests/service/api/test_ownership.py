@@ -145,6 +145,7 @@ def test_what_is_pinned_or_has_not_ended_is_not_deleted(both: Both) -> None:
     assert service.store.newest() == []
 
 
+@pytest.mark.slow
 def test_a_priority_above_the_normal_one_needs_an_admin(both: Both) -> None:
     http, service = both
     submitter, admin = key(service, "submit"), key(service, "admin")

@@ -68,6 +68,7 @@ def test_errors_of_every_route_are_problems(http: TestClient, method: str, path:
     problem(http.request(method, path), status)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("body", "status"),
     [

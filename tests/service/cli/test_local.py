@@ -85,6 +85,7 @@ def test_help_teaches_and_lists_every_command() -> None:
     assert "needlebench scenario demo > mine.json\n  needlebench run" in result.output.replace("    ", "  ")
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("option", ["--help", "--version"])
 def test_help_and_version_import_no_numbers(option: str) -> None:
     code = f"""
@@ -156,6 +157,7 @@ def test_run_writes_everything_and_reports(simulation: Simulation, source: str, 
     assert result.stderr == ""
 
 
+@pytest.mark.slow
 def test_run_without_recording(simulation: Simulation, source: str, tmp_path: Path) -> None:
     out = tmp_path / "out"
     result = invoke("run", source, "--out", str(out), "--set", "recording.enabled=false")
@@ -187,6 +189,7 @@ def test_run_refuses_a_folder_that_holds_a_result(
     assert simulation.scenarios == []
 
 
+@pytest.mark.slow
 def test_run_with_force_replaces_the_whole_result(simulation: Simulation, source: str, tmp_path: Path) -> None:
     out = tmp_path / "out"
     out.mkdir()
@@ -209,6 +212,7 @@ def test_run_set_applies_left_to_right(simulation: Simulation, source: str, tmp_
     assert (ran.tissue.young_kpa, ran.name, ran.tissue.fixed_faces) == (4.5, "softer", ("z_max",))
 
 
+@pytest.mark.slow
 def test_run_set_kind_replaces_the_block(simulation: Simulation, tmp_path: Path) -> None:
     changes = ["--set", "controller.kind=open_loop", "--set", "trajectory.kind=line"]
     result = invoke("run", "demo", "--out", str(tmp_path / "out"), *changes, "--set", "dt_s=0.1")
@@ -368,6 +372,7 @@ def test_view_without_a_display(rrd: Path, monkeypatch: pytest.MonkeyPatch) -> N
     assert "--screenshot" in result.stderr
 
 
+@pytest.mark.slow
 def test_view_starts_the_viewer_on_loopback_without_analytics(rrd: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     started: list[Any] = []
 

@@ -116,6 +116,7 @@ def test_a_slot_whose_thread_is_gone_is_replaced_and_its_job_runs_again(
         assert service.engine.alive == 1
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("quick_looks")
 def test_a_job_that_costs_every_slot_its_thread_is_given_up(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(Slot, "run", takes_a_job_and_ends)

@@ -123,6 +123,7 @@ def test_the_fake_run_overwrites_what_it_handed_out() -> None:
     assert (run.tissue != tissue).any()
 
 
+@pytest.mark.slow
 def test_positions_are_recorded_exactly(kept: tuple[Path, Keeper]) -> None:
     path, keeper = kept
     entities: dict[tuple[str, str], Callable[[StepRecord], Floats]] = {
@@ -294,6 +295,7 @@ def test_a_slow_run_is_sent_in_small_blocks(tmp_path: Path) -> None:
     assert max(chunk.num_rows for chunk in chunks) <= 3
 
 
+@pytest.mark.slow
 def test_nothing_is_recorded_if_the_scenario_says_so(tmp_path: Path) -> None:
     path = tmp_path / "recording.rrd"
     with RerunObserver(path, recording_id="off") as recorder:
@@ -302,6 +304,7 @@ def test_nothing_is_recorded_if_the_scenario_says_so(tmp_path: Path) -> None:
     assert list(tmp_path.iterdir()) == []
 
 
+@pytest.mark.slow
 def test_a_run_that_raises_leaves_a_readable_recording(tmp_path: Path) -> None:
     path = tmp_path / "recording.rrd"
     with pytest.raises(RuntimeError, match="stop here"), RerunObserver(path, recording_id="r") as recorder:
@@ -373,6 +376,7 @@ def test_a_killed_run_leaves_a_readable_recording(tmp_path: Path, sent: str, cod
     assert list(recorded(path, "world/tip", "Points3D:positions")) == list(steps)
 
 
+@pytest.mark.slow
 def test_the_file_grows_while_the_run_goes_on(tmp_path: Path) -> None:
     path = tmp_path / "recording.rrd"
     seen: list[int] = []
@@ -390,6 +394,7 @@ def test_the_file_grows_while_the_run_goes_on(tmp_path: Path) -> None:
     assert seen == list(range(2 * BLOCK_STEPS))
 
 
+@pytest.mark.slow
 def test_a_place_that_cannot_be_written_is_a_warning(tmp_path: Path) -> None:
     keeper = Keeper()
     with RerunObserver(tmp_path / "missing" / "recording.rrd", recording_id="w") as recorder:
@@ -399,6 +404,7 @@ def test_a_place_that_cannot_be_written_is_a_warning(tmp_path: Path) -> None:
     assert len(keeper.records) == STEPS + 1
 
 
+@pytest.mark.slow
 def test_a_record_that_cannot_be_drawn_is_a_warning(tmp_path: Path) -> None:
     class Broken(FakeRun):
         def record(self, step: int) -> StepRecord:

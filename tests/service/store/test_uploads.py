@@ -153,6 +153,7 @@ def test_a_mesh_that_does_not_fit_the_scenario_is_refused_at_submission(http: Te
     assert (told.status_code, told.json()["errors"][0]["field"]) == (422, "trajectory.entry_mm")
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "name",
     ["../box.vtk", "/etc/box.vtk", "a/b.vtk", "a\\b.vtk", "..", ".vtk", "box\x00.vtk", "b" * 200 + ".vtk", "ü.vtk", ""],
@@ -163,6 +164,7 @@ def test_a_name_is_a_label_and_no_path(http: TestClient, tmp_path: Path, name: s
     assert not (tmp_path / "data" / "uploads").exists()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("name", "kind", "content_type"),
     [
@@ -438,6 +440,7 @@ def test_a_disk_that_is_full_during_an_upload_is_507_and_leaves_nothing(
     assert list(service.settings.uploads.iterdir()) == []
 
 
+@pytest.mark.slow
 def test_a_truncated_archive_of_arrays_is_422(http: TestClient) -> None:
     whole = dataset_bytes()
     for length in (10, 200, len(whole) // 2, len(whole) - 30):

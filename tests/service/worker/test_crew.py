@@ -53,6 +53,7 @@ def test_every_case_has_an_outcome_whatever_becomes_of_it(shared: tuple[Crew, Pa
     assert "ValueError: no good" in found["raises"].result["message"]
 
 
+@pytest.mark.slow
 @linux
 def test_a_crash_has_the_shape_of_a_result(shared: tuple[Crew, Path], tmp_path: Path) -> None:
     (outcome,) = shared[0].run_many(cases("raises"), folder=tmp_path)
@@ -81,6 +82,7 @@ def test_alone_is_one_process(shared: tuple[Crew, Path], tmp_path: Path) -> None
     assert len({outcome.result["pid"] for outcome in outcomes}) == 1
 
 
+@pytest.mark.slow
 @linux
 def test_nobody_is_left_behind(tmp_path: Path) -> None:
     with Crew(1, folder=tmp_path, files=tmp_path, runner=RUNNER) as crew:

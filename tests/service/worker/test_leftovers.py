@@ -64,6 +64,7 @@ def test_a_forked_child_ends_with_its_job(worker: WorkerProcess, tmp_path: Path,
     assert (report.error, report.leftovers) == (None, ("1 process",))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("name", "left"), [("thread", "1 thread"), ("descriptor", "1 descriptor")])
 def test_what_a_plug_in_leaves_in_its_process_is_reported(
     worker: WorkerProcess, tmp_path: Path, name: str, left: str
@@ -72,6 +73,7 @@ def test_what_a_plug_in_leaves_in_its_process_is_reported(
     assert left in (tmp_path / "1" / LOG).read_text()
 
 
+@pytest.mark.slow
 def test_a_job_that_leaves_nothing_keeps_its_process(worker: WorkerProcess, tmp_path: Path) -> None:
     first, second = (run(worker, tmp_path, "nothing", plugin=True) for _ in range(2))
     assert first.result["pid"] == second.result["pid"]
@@ -90,6 +92,7 @@ def test_a_job_that_ends_its_process_with_code_0_is_a_death(worker: WorkerProces
         assert not alive(started(tmp_path))
 
 
+@pytest.mark.slow
 def test_a_child_that_has_gone_apart_ends_when_its_job_is_cut_short(worker: WorkerProcess, tmp_path: Path) -> None:
     begin(worker, tmp_path, "forks apart and waits")
     child = started(tmp_path)
@@ -120,6 +123,7 @@ def test_memory_of_a_child_counts(worker: WorkerProcess, tmp_path: Path) -> None
     worker.kill()
 
 
+@pytest.mark.slow
 def test_what_is_printed_by_descriptor_is_in_the_log(worker: WorkerProcess, tmp_path: Path) -> None:
     report = run(worker, tmp_path, "says")
     lines = [line.partition(" INFO ")[2] for line in (tmp_path / "1" / LOG).read_text().splitlines()]
@@ -129,6 +133,7 @@ def test_what_is_printed_by_descriptor_is_in_the_log(worker: WorkerProcess, tmp_
     assert described["bytes"] == (tmp_path / "1" / LOG).stat().st_size
 
 
+@pytest.mark.slow
 def test_a_flood_is_cut(worker: WorkerProcess, tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:
     report = run(worker, tmp_path, "floods", plugin=True)
     assert (report.error, report.leftovers) == (None, ())
@@ -138,6 +143,7 @@ def test_a_flood_is_cut(worker: WorkerProcess, tmp_path: Path, capfd: pytest.Cap
     assert not capfd.readouterr().out
 
 
+@pytest.mark.slow
 def test_an_idle_worker_has_nobody_but_its_guard(worker: WorkerProcess, tmp_path: Path) -> None:
     run(worker, tmp_path, "nothing")
     assert worker.pid is not None

@@ -237,6 +237,7 @@ JUMPS = {
 }
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", JUMPS)
 def test_recovery_from_a_jump_of_the_target(name: str) -> None:
     """2 mm at a depth of 30 mm: the robot's limits act (less along a weak direction, slowed before), the
@@ -275,6 +276,7 @@ def test_steering_is_far_better_than_open_loop_on_a_curved_path() -> None:
     control(text, expected=0, measured=steered / blind, tolerance=0.02, source=source)
 
 
+@pytest.mark.slow
 def test_without_the_remote_centre_the_shaft_leaves_the_entry() -> None:
     """rcm_gain 0 against 1: the tip is as good, the entry is torn: offset, load and deformation grow."""
     free, guided = rollout(controller={"rcm_gain": 0.0}), rollout()

@@ -104,6 +104,7 @@ def test_fast_contact_step_is_full_newton(friction: float, slips: bool) -> None:
     check_full_newton(f"contact that {'slips' if slips else 'sticks'}, five steps", pairs)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["curved", "heavy"])
 def test_every_step_satisfies_the_independent_equations(name: str, request: pytest.FixtureRequest) -> None:
     """Balance of both bodies, zero gaps, breakpoints and levels of full Newton's residual (N; mm), at each step."""
@@ -214,6 +215,7 @@ def implicit_euler(omega: float, dt_s: float, steps: int, alpha: float, beta: fl
     return np.array(out)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("alpha", "beta"), [(0.0, 0.0), (20.0, 0.0), (0.0, 2e-3)])
 def test_a_mode_swings_like_its_oscillator(alpha: float, beta: float) -> None:
     """Modal analysis (Rayleigh): step by step the scalar recursion of implicit Euler, at 0.1 mm (strains of 0.5 %)."""
@@ -256,6 +258,7 @@ def test_free_oscillation_never_gains_energy_and_damping_takes_more() -> None:
         assert energy[-1] < 0.6 * plain[-1]
 
 
+@pytest.mark.slow
 def test_momentum_balance(heavy: Trip) -> None:
     """Newton: force of the robot + reaction of the held faces = M dv / dt + alpha M v, summed over all nodes."""
     tissue, dt = heavy.insertion.tissue, heavy.insertion.model.dt_s
@@ -277,6 +280,7 @@ def test_momentum_balance(heavy: Trip) -> None:
     check(text, expected=0, measured=misses, tolerance=1e-6, source=source, unit="N")
 
 
+@pytest.mark.slow
 def test_static_limit_is_the_quasi_static_solution() -> None:
     """Held still, the damped block comes to rest where the quasi-static one is: indented obliquely, sticking."""
     ends = []

@@ -48,6 +48,7 @@ def curved_insertion() -> tuple[Insertion, InsertionState, InsertionState]:
     return insertion, before, state
 
 
+@pytest.mark.slow
 def test_error_falls_with_the_first_order_of_the_shift() -> None:
     """One-sided differences against the exact Jacobian: halving the shift halves the error, a fitted order of 1."""
     insertion, before, state = curved_insertion()
