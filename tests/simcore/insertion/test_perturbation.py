@@ -105,7 +105,7 @@ class _Watched(_Loop):
         self.controller.command = self.command  # type: ignore[method-assign]
 
     def command(self, observation: Observation) -> Pose:
-        assert np.isfinite(self.perturbation.linearise(self.before, self.state).tip).all()
+        assert np.isfinite(self.perturbation.linearise(self.episode.before, self.episode.state).tip).all()
         self.computed += 1
         return self.commanded(observation)
 

@@ -31,6 +31,7 @@ def test_series_names_shapes_and_types(plain: Rollout) -> None:
         "base_position_m": (rows, 3),
         "base_rotation": (rows, 4),
         "tip_m": (rows, 3),
+        "tip_seen_m": (rows, 3),
         "target_m": (rows, 3),
         "target_noisy_m": (rows, 3),
         "command_position_m": (rows, 3),

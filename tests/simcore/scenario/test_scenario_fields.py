@@ -206,6 +206,7 @@ def test_the_defaults_in_one_place() -> None:
             "model": {"kind": "shared"},
             "delay_s": 0.0,
         },
+        "sensing": {"rate_hz": None, "latency_s": 0.0, "noise_mm": 0.0, "tip": "true", "registration_mm": 1.0},
         "motion": {"kind": "none"},
         "solver": {
             "mode": "converged",

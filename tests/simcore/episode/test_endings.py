@@ -9,11 +9,11 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import pytest
 
+from simcore.episode.authority import lost_authority
+from simcore.episode.endings import after_failure, after_step, place_of_inversion, shaft_beside
 from simcore.errors import Status
 from simcore.insertion.stability import is_stable
-from simcore.rollout.authority import lost_authority
 from simcore.rollout.cautions import run_warnings
-from simcore.rollout.endings import after_failure, after_step, place_of_inversion, shaft_beside
 from simcore.rollout.rollout import run
 from simcore.scenario.build import insertion_of
 from simcore.scenario.scenario import Scenario
