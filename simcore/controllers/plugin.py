@@ -7,12 +7,9 @@ from contextlib import contextmanager
 from pathlib import PurePath
 from typing import TYPE_CHECKING
 
-import numpy as np
-
+from simcore.controllers.base import seed_of_controller
 from simcore.errors import ModelFailureError
 from simcore.plugins import PluginError, factory_of
-
-SEED_STREAM = 3  # of the scenario's seed: beside those of `episode.sensing`
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -56,11 +53,6 @@ class PluginController:
         with _named(f"controller {self.name!r}:", f", step {observation.step}"):
             pose: Pose = self.controller.command(observation)
         return pose
-
-
-def seed_of_controller(seed: int) -> int:
-    """For what a controller draws itself, from the scenario's seed and independent of it; below 2^32."""
-    return int(np.random.SeedSequence([seed, SEED_STREAM]).generate_state(1)[0])
 
 
 @contextmanager

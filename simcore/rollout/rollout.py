@@ -14,17 +14,16 @@ from simcore.controllers import make_controller
 from simcore.controllers.plant_model import make_model
 from simcore.controllers.remote_centre import rcm_authority
 from simcore.episode import CommandError, Episode
-from simcore.errors import ModelFailureError, Status
+from simcore.errors import ControllerError, ModelFailureError, Status
 from simcore.insertion.jacobian_fast import Linearisation, lateral_offset
 from simcore.metrics import metrics
 from simcore.needle.shaft import shaft_polyline
 from simcore.needle.stress import largest_strain
-from simcore.plugins import PluginError
 from simcore.rollout.records import Observer, Scene, Silent, StepRecord, StepTiming, sealed
 from simcore.rollout.result import Rollout
 from simcore.rollout.series import SeriesBuilder
 from simcore.rotations import quaternion_from_matrix
-from simcore.scenario.scenario import Plugin, Scenario
+from simcore.scenario.scenario import Plugin, Remote, Scenario
 from simcore.tissue.strain import strain_extremes
 from simcore.trajectory import Path, polyline_distance_m
 
@@ -102,7 +101,14 @@ class _Loop:
         )
 
     def run(self) -> Rollout:
-        """The loop itself."""
+        """The loop itself; a controller that holds something lets go of it, whatever ends the loop."""
+        try:
+            return self._run()
+        finally:
+            if callable(close := getattr(self.controller, "close", None)):
+                close(self.episode.status, self.episode.message)
+
+    def _run(self) -> Rollout:
         episode, series = self.episode, SeriesBuilder(self.scene())
         seen = episode.observation
         first = self._record(episode.state.base, seen, StepTiming(0.0, 0.0, 0.0))
@@ -132,7 +138,7 @@ class _Loop:
         except ModelFailureError as failure:
             episode.end(failure.status, f"the controller's model: {failure.message}")
             return seen, None, 0.0
-        except PluginError as error:
+        except ControllerError as error:
             episode.end(Status.CONTROLLER_FAILED, str(error))
             return seen, None, 0.0
         command_s = self.clock() - started - self.jacobian_s
@@ -151,7 +157,7 @@ class _Loop:
     def _label(self) -> str:
         """What messages call the controller."""
         settings = self.scenario.controller
-        return repr(settings.name if isinstance(settings, Plugin) else settings.kind)
+        return repr(settings.name if isinstance(settings, Plugin | Remote) else settings.kind)
 
     def _timed_model(self, observation: Observation) -> Linearisation:
         assert self.model is not None
