@@ -36,7 +36,7 @@ import numpy as np
 
 from benchmarks.builtin_scenarios import with_blocks
 from benchmarks.paper.suites import Path
-from benchmarks.studies.discretisation import FULL, QUICK, QUICK_SHARE
+from benchmarks.studies.discretisation import FULL, LOOP_DT_S, QUICK, QUICK_SHARE
 from benchmarks.studies.grid_convergence import GridBand, ranged_band, two_grid_band
 from simcore.provenance import commit
 from simcore.scenario.scenario import Scenario
@@ -171,7 +171,7 @@ def loop_scenarios(path: Path, chosen: Discretisation, *, quick: bool) -> dict[K
         base = Scenario.load(
             {
                 "name": f"{path.name}-{name}",
-                "dt_s": chosen.loop_dt_s,
+                "dt_s": LOOP_DT_S,
                 "trajectory": trajectory,
                 "controller": controller,
                 "recording": {"enabled": False},

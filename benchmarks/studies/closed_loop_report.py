@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING, Any
 
 from benchmarks.measurements import Table
 from benchmarks.studies.closed_loop import CONTROLLERS, DIFFERENCES, loop_suite_bands, quantities
+from benchmarks.studies.discretisation import LOOP_DT_S
 from benchmarks.studies.grid_convergence import ORDERS, RANGE_SAFETY
 from benchmarks.svg_plot import Line, Panel, svg
 from simcore.provenance import commit
@@ -35,7 +36,7 @@ def loop_json(paths: Sequence[LoopPath], chosen: Discretisation) -> dict[str, An
             "element_size_mm": chosen.element_size_mm,
             "spacing_mm": chosen.spacing_mm,
             "spread_mm": chosen.balls_mm[0],
-            "dt_s": chosen.loop_dt_s,
+            "dt_s": LOOP_DT_S,
         },
         "suites": {s: {q: short(b) for q, b in bands.items()} for s, bands in loop_suite_bands(paths).items()},
         "paths": {path.name: _path_json(path) for path in paths},
@@ -127,7 +128,7 @@ def _part(parts: Mapping[str, GridBand], name: str) -> float | None:
     return parts[name].default if name in parts else None
 
 
-def loop_markdown(paths: Sequence[LoopPath], chosen: Discretisation) -> str:
+def loop_markdown(paths: Sequence[LoopPath]) -> str:
     """The second part of convergence.md."""
     carried, bands, rcm = loop_tables(paths)
     return "\n".join(
@@ -135,7 +136,7 @@ def loop_markdown(paths: Sequence[LoopPath], chosen: Discretisation) -> str:
             "## Closed loops",
             "",
             "I-FEM with its default weight of the remote-centre rows, I-FEM with the axis through the entry, and the "
-            f"packaged ELM, each undelayed, along {len(paths)} paths in steps of {1e3 * chosen.loop_dt_s:g} ms. Band: "
+            f"packaged ELM, each undelayed, along {len(paths)} paths in steps of {1e3 * LOOP_DT_S:g} ms. Band: "
             "how far the RMSE against the commanded target may be from the limit, mesh, spacing and ball added up: "
             f"Roache's grid convergence index where an order between {ORDERS[0]:g} and {ORDERS[1]:g} is observed; "
             f"else, and for the two balls, {RANGE_SAFETY:g} times the data range (Eca and Hoekstra 2008). A dash: a "

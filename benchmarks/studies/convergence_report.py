@@ -97,7 +97,7 @@ def band_part(
     }
     files = {
         "convergence.json": json.dumps(document, indent=1, allow_nan=False) + "\n",
-        "convergence.md": f"{_markdown(dt_s, table, worst)}\n{loop_markdown(loops, chosen)}",
+        "convergence.md": f"{_markdown(dt_s, table, worst)}\n{loop_markdown(loops)}",
         "convergence.svg": _picture(paths),
         PICTURE: loop_picture(loops),
     }

@@ -192,5 +192,5 @@ def test_what_is_written() -> None:
     assert len(bands.columns) == len(bands.rows[0])
     assert bands.columns[3:8] == ("mesh 8", "mesh 4.4", "spacing 4.5", "spacing 2", "ball 4")
     assert len(rcm.rows) == 4 * 3
-    assert "| CUR | 0.0284 | 0.0284 | - |" in loop_markdown(paths, FULL)
+    assert "| CUR | 0.0284 | 0.0284 | - |" in loop_markdown(paths)
     ElementTree.fromstring(loop_picture(paths))

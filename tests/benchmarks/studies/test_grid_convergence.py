@@ -12,7 +12,7 @@ import pytest
 from benchmarks.observed_run import ObservedRun
 from benchmarks.studies.convergence import PATHS, SUITES, path_bands, path_scenario
 from benchmarks.studies.convergence_report import band_part, suite_bands
-from benchmarks.studies.discretisation import FULL, QUICK
+from benchmarks.studies.discretisation import FULL, LOOP_DT_S, QUICK
 from benchmarks.studies.grid_convergence import grid_band, observed_order, ranged_band, size_of, two_grid_band
 from tests.benchmarks.studies.loops import made_paths
 
@@ -153,7 +153,7 @@ def test_a_suite_carries_the_widest_band_of_its_paths() -> None:
     ElementTree.fromstring(part.files["convergence.svg"])
     assert "| CUR |" in part.files["convergence.md"]
     assert "## Closed loops" in part.files["convergence.md"]
-    assert document["closed_loop"]["discretisation"]["dt_s"] == FULL.loop_dt_s
+    assert document["closed_loop"]["discretisation"]["dt_s"] == LOOP_DT_S
 
 
 @pytest.mark.parametrize("chosen", [FULL, QUICK])
