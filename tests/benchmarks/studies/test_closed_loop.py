@@ -4,12 +4,14 @@ from __future__ import annotations
 
 import json
 from dataclasses import replace
+from pathlib import Path as Folder
 from typing import TYPE_CHECKING, Any
 from xml.etree import ElementTree
 
 import pytest
 
 from benchmarks.observed_run import ObservedRun
+from benchmarks.paper.bands import MEASURED, MEASURED_ON, UNKNOWN
 from benchmarks.paper.scale import SCALES
 from benchmarks.paper.suites import cases_along, resolve_cases
 from benchmarks.ports import BenchPorts
@@ -33,7 +35,8 @@ from tests.benchmarks.studies.loops import made_path, made_paths
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
-    from pathlib import Path as Folder
+
+RESULTS = Folder(__file__).parents[3] / "benchmarks" / "results" / "convergence"
 
 
 # ---- bands
@@ -116,6 +119,20 @@ def test_the_default_is_what_the_paper_is_rerun_on() -> None:
         for case in cases:
             here, there = mine[str(case.labels["arm"]), "mesh", 6.0], Scenario.load(case.scenario)
             assert here.model_dump(exclude={"name"}) == there.model_dump(exclude={"name"})
+
+
+def test_the_claims_have_the_committed_bands() -> None:
+    """benchmarks/results is in no wheel, so the numbers stand in `bands.MEASURED` too."""
+    committed = json.loads((RESULTS / "convergence.json").read_text()).get("closed_loop")
+    if committed is None:
+        assert MEASURED == UNKNOWN
+        return
+    assert committed["suites"] == MEASURED.suites
+    assert str(committed["commit"])[:12] in MEASURED.source
+    here = committed["discretisation"]
+    assert {name: here[name] for name in MEASURED_ON} == MEASURED_ON
+    plain = Scenario.load({})
+    assert (here["spacing_mm"], here["spread_mm"]) == (plain.interaction.spacing_mm, plain.interaction.spread_mm)
 
 
 # ---- a study that is interrupted
