@@ -226,6 +226,9 @@ class Scenario(Block):
             for field, value in frictions.items()
             if value > 0.3
         ]
+        if self.interaction.puncture_n > 0.0:
+            slides = "where the tip slides to before it enters depends on the mesh, by millimetres on a steep path"
+            far.append(f"interaction.puncture_n = {self.interaction.puncture_n:g} N: {slides}; 0 = nicked beforehand")
         if (length_mm := 1e3 * self.path().length_m) < SHORT_MM:
             far.append(f"trajectory.target_mm: the path is {length_mm:.3g} mm long; are its points in metres?")
         conditions = self.model_dump(mode="json", include=set(CONDITIONS))

@@ -17,7 +17,7 @@ from benchmarks.settling.analysis import Planned, band_of, families, planned_com
 from benchmarks.settling.cells import AXIS, cells, planned_pairs
 from benchmarks.settling.report import document, html, write
 from benchmarks.settling.scale import SettlingScale
-from benchmarks.settling.scores import score, within_budget
+from benchmarks.settling.scores import BUDGET_MM, score, within_budget
 from tests.benchmarks.paper.synthetic import DIRECTIONS, labelled, outcome
 
 if TYPE_CHECKING:
@@ -162,8 +162,8 @@ def test_what_is_above_the_budget_is_counted_and_left_out() -> None:
 
     def dragging(cell: Cell, point: int, number: int) -> Measure:
         if cell.arm == "ifem":
-            return 0.3, 1.0  # the budget itself is inside
-        return (0.4, 0.9) if number == 2 else (0.05, 1.0001)
+            return 0.3, BUDGET_MM  # the budget itself is inside
+        return (0.4, 2.4) if number == 2 else (0.05, 2.5001)
 
     (one, *_) = planned(made(dragging))
     assert one.budget
@@ -171,7 +171,7 @@ def test_what_is_above_the_budget_is_counted_and_left_out() -> None:
     assert (one.budget.pairs, one.budget.clusters, one.unrestricted.pairs) == (20, 20, 80)
     assert one.outside == (60, 0)
     assert (one.claim.verdict, one.claim_unrestricted.verdict) == (NOT_REPRODUCED, REPRODUCED)
-    assert "outside of the budget of 1 mm: 60 of 80 ELM, 0 of 80 I-FEM" in one.claim.reason
+    assert "outside of the budget of 2.5 mm: 60 of 80 ELM, 0 of 80 I-FEM" in one.claim.reason
 
 
 def test_without_a_pair_inside_the_budget_nothing_is_decided() -> None:
@@ -206,7 +206,7 @@ def test_a_completed_insertion_without_a_measured_rcm_error_is_not_inside() -> N
 
 def test_a_cell_shows_what_its_error_was_paid_with() -> None:
     def measure(cell: Cell, point: int, number: int) -> Measure:
-        return (math.inf, 0.5) if number == 3 else (0.1 * (number + 1), 2.0 if number == 2 else 0.5 + 0.01 * point)
+        return (math.inf, 0.5) if number == 3 else (0.1 * (number + 1), 3.0 if number == 2 else 0.5 + 0.01 * point)
 
     (cell, *_) = cells(SCALE)
     outcomes = made(measure, end_points=7)
@@ -214,7 +214,7 @@ def test_a_cell_shows_what_its_error_was_paid_with() -> None:
     assert (found.insertions, found.end_points, found.failed, found.over_budget) == (28, 7, 7, 7)
     assert found.rmse_mm.median == pytest.approx(0.25)  # 0.1, 0.2, 0.3 and a failure
     assert found.rmse_inside_mm.median == pytest.approx(0.2)  # 0.1, 0.2 and a failure
-    assert found.beside["rcm_max_mm"].median == pytest.approx(0.53)  # of stable ones: 0.53, 0.53, 2
+    assert found.beside["rcm_max_mm"].median == pytest.approx(0.53)  # of stable ones: 0.53, 0.53, 3
     assert found.beside["max_push_n"].median == 2.0
     assert found.beside["rcm_max_mm"].interval.low >= 0.5
     assert math.isnan(score(cell, []).rmse_mm.median)
@@ -243,7 +243,7 @@ def test_the_report_holds_everything_and_the_page_shows_it(tmp_path: Path) -> No
     assert {path.name for path in tmp_path.iterdir()} == {"settling.json", "settling.html", "cases.csv", "pareto.svg"}
     report = json.loads((tmp_path / "settling.json").read_text())
     assert (len(report["cells"]), len(report["planned"]), report["counts"]["insertions"]) == (20, 16, 1600)
-    assert report["rules"]["budget_mm"] == 1.0
+    assert report["rules"]["budget_mm"] == BUDGET_MM
     assert report["rules"]["margin_mm"] == 0.05
     assert len((tmp_path / "cases.csv").read_text().splitlines()) == 1601
     text = page.read_text()

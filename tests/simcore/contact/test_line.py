@@ -16,7 +16,7 @@ from scipy.stats import qmc
 import simcore.contact.line_calibration as calibration
 from simcore.contact.ball import Ball
 from simcore.contact.channel import ChannelModel
-from simcore.contact.line import SHORTEST_M, LineCoupling, cylinder_compliance, least_length, line_compliance
+from simcore.contact.line import SHORTEST_M, LineCoupling, coupled_length, cylinder_compliance, line_compliance
 from simcore.contact.line_calibration import deficit_along, line_of_balls, line_weights, mesh_deficit
 from simcore.contact.line_radius import LINE_RADIUS_OF_BALL
 from simcore.mesh.mesh import box_mesh
@@ -101,8 +101,7 @@ def test_cylinder_compliance_is_the_difference_of_kelvins_integrals(poisson: flo
 
 
 def test_compliance_of_a_point_is_that_of_the_line_over_its_length() -> None:
-    """G / l, turned into the shaft's frame: across and along do not mix; a point stands for more than nothing, the
-    entry for the length over which it holds a needle."""
+    """G / l, turned into the shaft's frame: across and along do not mix."""
     rng = np.random.default_rng(0)
     root, frame = rng.normal(size=(3, 3)), np.linalg.qr(rng.normal(size=(3, 3)))[0]
     line = LineCoupling(False, 1e-4 * root @ root.T, True, 1.27e-3, 1e-3)
@@ -112,7 +111,18 @@ def test_compliance_of_a_point_is_that_of_the_line_over_its_length() -> None:
     np.testing.assert_allclose(out[:2, :2], full[:2, :2], rtol=1e-12)
     assert out[2, 2] == pytest.approx(full[2, 2], rel=1e-12)
     assert np.abs(out[[0, 1, 2, 2], [2, 2, 0, 1]]).max() == 0.0
-    assert [least_length(line, element) for element in (1, 2, 7)] == [1.27e-3, SHORTEST_M, SHORTEST_M]
+
+
+def test_the_surface_holds_the_bevel_before_the_channel_does() -> None:
+    """The entry is coupled over its tributary length and what of the bevel is still outside, so that its length is the
+    bevel's when the tip touches and the tributary one once the bevel is in. Others stand for more than nothing."""
+    line = LineCoupling(False, np.eye(3), True, 1.27e-3, 1e-3)
+    lengths = [
+        coupled_length(line, 1, tributary, inserted) for tributary, inserted in ((0, 0), (2e-4, 1e-3), (1e-3, 2e-3))
+    ]
+    np.testing.assert_allclose(lengths, [1.27e-3, 4.7e-4, 1e-3], rtol=1e-12)
+    assert [coupled_length(line, element, 0.0, 0.0) for element in (2, 7)] == [SHORTEST_M, SHORTEST_M]
+    assert coupled_length(line, 3, 2e-3, 0.0) == 2e-3
 
 
 # the mesh's share
@@ -129,7 +139,13 @@ class Line:
     @classmethod
     def in_tissue(cls, tissue: TissueModel, radius_m: float, entry_m: Vector = ENTRY_M) -> Line:
         channel = ChannelModel.of(
-            spacing_m=3e-3, spread_m=radius_m, longest_m=0.1, mesh=tissue.mesh, entry_m=entry_m, hard=False
+            spacing_m=3e-3,
+            bevel_m=2.0 * NEEDLE_M,
+            spread_m=radius_m,
+            longest_m=0.1,
+            mesh=tissue.mesh,
+            entry_m=entry_m,
+            hard=False,
         )
         step = 0.5 * radius_m
         depths = START_M + step * (np.arange(round(LENGTH_M / step)) + 0.5)

@@ -99,6 +99,13 @@ def test_steps_are_path_over_pace_or_the_poses() -> None:
     assert sine.steps == math.ceil(sine.path().length_m / 1e-4) > 1220
 
 
+def test_a_puncture_is_not_calibrated_and_says_so() -> None:
+    assert Scenario.load({}).warnings() == []
+    (warning,) = Scenario.load({"interaction": {"puncture_n": 0.1}}).warnings()
+    assert "puncture_n = 0.1 N" in warning
+    assert "depends on the mesh" in warning
+
+
 def test_high_friction_is_allowed_with_a_warning() -> None:
     assert Scenario.load({"interaction": {"friction": 0.3}}).warnings() == []
     (warning,) = Scenario.load({"interaction": {"friction": 0.31}}).warnings()
