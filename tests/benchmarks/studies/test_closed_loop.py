@@ -108,7 +108,7 @@ def test_six_discretisations_of_each_controller(chosen: Any) -> None:
         assert len(mine) == 8
         assert len({identity(scenario) for scenario in mine.values()}) == 6
     assert scenarios["elm", "ball", 4.0].interaction.spread_mm == 4.0
-    assert all(scenario.controller.delay_s == 0.0 for scenario in scenarios.values())  # type: ignore[union-attr]
+    assert all(scenario.controller.delay_s == 0.0 for scenario in scenarios.values())
 
 
 def test_the_default_is_what_the_paper_is_rerun_on() -> None:
