@@ -12,6 +12,7 @@ from __future__ import annotations
 
 import json
 import math
+from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
 from benchmarks.paper import statistics
@@ -197,7 +198,9 @@ def no_difference(evidence: Evidence) -> Claim:
     effect = f"Cliff’s delta {effect_text(comparison.cliffs_delta)}"
     claim = Claim("young", text, source, verdict, figure, test, comparison.p_mann_whitney, effect, reason)
     turns_at = statistics.MARGIN_MM if verdict == REPRODUCED else comparison.difference_mm
-    return undecided_by_band(claim, evidence.bands.difference(comparison.group, "elm", "elm"), turns_at)
+    band = evidence.bands.difference(comparison.group, "elm", "elm")
+    band = replace(band, of=f"ELM at two Young’s moduli on {comparison.group}")
+    return undecided_by_band(claim, band, turns_at)
 
 
 def time_saved(evidence: Evidence, where: str, share: float) -> Claim:

@@ -262,6 +262,7 @@ def test_few_insertions_do_not_show_that_all_are_so() -> None:
 
 def test_an_unknown_band_decides_nothing_that_the_mesh_may_change() -> None:
     found = verdicts([*experiments(100), *seeds()], timings(5), bands=UNKNOWN)
+    assert found["young"].band == "ELM at two Young’s moduli on ALL: unknown"
     times = {key for key in found if key.startswith("time")}
     assert {found[key].verdict for key in found.keys() - times} == {UNDECIDED}
     assert "not decided by this discretisation, whose band of I-FEM minus ELM on CUR is unknown" in found["cur"].reason
