@@ -56,6 +56,7 @@ class Status(StrEnum):
     BUCKLED = "buckled"
     AUTHORITY_LOST = "authority_lost"
     SHAFT_BESIDE = "shaft_beside"
+    CONTROLLER_FAILED = "controller_failed"
 
 
 STATUSES = {
@@ -76,6 +77,8 @@ STATUSES = {
     "target was lost, or the base came beside the tissue",
     Status.SHAFT_BESIDE: "the base or the free shaft came beside the tissue or into it, more than 1 mm deeper than "
     "where the shaft enters: contact is modelled at the channel alone",
+    Status.CONTROLLER_FAILED: "the controller raised, or its command was no finite pose within 10 m of the base; the "
+    "message names controller, step and value",
 }
 
 

@@ -1,4 +1,4 @@
-"""What a controller sees and what it answers."""
+"""What a controller is made of, what it is asked, and what it answers."""
 
 from __future__ import annotations
 
@@ -6,6 +6,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Protocol, TypeVar
 
+from simcore.episode.observation import Observation
 from simcore.insertion.jacobian_fast import Linearisation
 
 if TYPE_CHECKING:
@@ -14,16 +15,6 @@ if TYPE_CHECKING:
     from simcore.scenario.scenario import Scenario
 
 Settings = TypeVar("Settings")
-
-
-@dataclass(frozen=True)
-class Observation:
-    """All that a controller may know at the beginning of step `step`; metres, world frame."""
-
-    step: int
-    base: Pose
-    tip_m: Floats  # (3,)
-    target_m: Floats  # (3,) with noise
 
 
 Model = Callable[[Observation], Linearisation]  # linearised about the step that led to the observation

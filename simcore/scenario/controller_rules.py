@@ -10,7 +10,7 @@ from simcore import plugins
 from simcore.arrays import Floats
 from simcore.errors import Problem
 from simcore.scenario.blocks import StraightTrajectory
-from simcore.scenario.controller_blocks import Controller, Learned, Plugin, Replay
+from simcore.scenario.controller_blocks import Controller, InverseFem, Learned, Plugin, Replay
 from simcore.scenario.held_parts import held_faces_of
 from simcore.scenario.pose_file import digest_of_poses, fault_of_poses, load_poses
 from simcore.scenario.suggestions import did_you_mean
@@ -31,6 +31,13 @@ def with_file_digest(controller: Controller) -> Controller:
 
     found = model_digest(controller.kind, controller.model, controller.model_sha256)
     return controller.model_copy(update={"model_sha256": found})
+
+
+def needs_tissue(controller: Controller) -> bool:
+    """Whether the Jacobian that a controller asks for needs the tissue's side of each step: the exact one does."""
+    if not isinstance(controller, InverseFem):
+        return False
+    return controller.jacobian == "constraint" and controller.derivative == "exact"
 
 
 def poses_of(replay: Replay) -> Floats:

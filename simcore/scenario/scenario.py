@@ -59,6 +59,7 @@ from simcore.scenario.rules import (
     with_entry,
     with_mesh,
 )
+from simcore.scenario.sensing import Sensing, sensing_problems
 from simcore.scenario.validation import problems_of
 from simcore.trajectory import Path
 
@@ -84,6 +85,7 @@ __all__ = [
     "RigidNeedle",
     "Robot",
     "Scenario",
+    "Sensing",
     "SeparateModel",
     "SharedModel",
     "SineTrajectory",
@@ -94,6 +96,11 @@ __all__ = [
     "Tissue",
 ]
 
+LARGEST_SEED = 2**53 - 1  # what JSON readers keep exactly
+SHARED_WITH_SENSING = (
+    "controller.model.kind = shared: the Jacobian is that of the plant as it is, whatever sensing does to the tip; "
+    "separate has a model of its own"
+)
 SHORT_MM = 1.0  # a path so short was probably written in metres
 
 
@@ -111,7 +118,7 @@ class Scenario(Block):
         default=SCHEMA, alias="schema", description="version of this format"
     )
     name: Name = Field(default="unnamed", description="1 to 100 letters, digits, spaces and . , : + ( ) / - _")
-    seed: Annotated[int, Field(strict=True)] = Field(default=0, ge=0, le=2**53 - 1, description="0 to 2^53 - 1")
+    seed: Annotated[int, Field(strict=True)] = Field(default=0, ge=0, le=LARGEST_SEED, description="0 to 2^53 - 1")
     dt_s: Number = bounded(0.01, 1e-4, 0.1, "time step [ours]")
     noise_mm: Number = bounded(
         0.0, 0.0, 5.0, "uniform noise of the target per axis, held for noise_hold_s [paper: 0.25 in training]"
@@ -130,6 +137,7 @@ class Scenario(Block):
     needle: Needle = Field(default=Needle(), description="the flexible tube that the robot holds")
     interaction: Interaction = Field(default=Interaction(), description="forces between needle and tissue")
     trajectory: Trajectory = Field(default=StraightTrajectory(), description="what the tip is asked to follow")
+    sensing: Sensing = Field(default=Sensing(), description="how the tip is seen")
     motion: Motion = Field(default=Still(), description="how the held nodes of the tissue move")
     robot: Robot = Field(default=Robot(), description="speed limits of the needle's base")
     controller: Controller = Field(default=InverseFem(), description="what steers the base")
@@ -155,7 +163,8 @@ class Scenario(Block):
         settle(self, "interaction", with_spacing(self.interaction, self.tissue))
         controller = with_model_spacing(self.controller, self.interaction, self.tissue)
         settle(self, "controller", with_file_digest(controller))
-        problems = problems_between(
+        problems = [*hold_problems(self.noise_hold_s, self.dt_s), *sensing_problems(self.sensing, self.dt_s)]
+        problems += problems_between(
             tissue=self.tissue,
             needle=self.needle,
             interaction=self.interaction,
@@ -164,7 +173,7 @@ class Scenario(Block):
             controller=self.controller,
             solver=self.solver,
             dt_s=self.dt_s,
-        ) + hold_problems(self.noise_hold_s, self.dt_s)
+        )
         if problems:
             raise ScenarioError(problems)
         return self
@@ -231,5 +240,7 @@ class Scenario(Block):
             far.append(f"interaction.puncture_n = {self.interaction.puncture_n:g} N: {slides}; 0 = nicked beforehand")
         if (length_mm := 1e3 * self.path().length_m) < SHORT_MM:
             far.append(f"trajectory.target_mm: the path is {length_mm:.3g} mm long; are its points in metres?")
+        if self.sensing.degrades and isinstance(self.controller, InverseFem) and not separate_model(self.controller):
+            far.append(SHARED_WITH_SENSING)
         conditions = self.model_dump(mode="json", include=set(CONDITIONS))
         return [*far, *training_warnings(self.controller, self.trajectory, conditions)]

@@ -34,6 +34,8 @@ if TYPE_CHECKING:
     from benchmarks.measurements import Part
     from simcore.scenario.scenario import Scenario
 
+pytestmark = pytest.mark.slow
+
 NAMES = (
     "micro",
     "step",
@@ -44,6 +46,7 @@ NAMES = (
     "memory",
     "profile",
     "convergence",
+    "work-precision",
     "sweeps",
     "forces",
 )
@@ -96,7 +99,7 @@ def keys(part: Part) -> set[str]:
 
 def test_the_names() -> None:
     assert tuple(BENCHMARKS) == NAMES
-    assert select([]) == list(NAMES[:-3])
+    assert select([]) == list(NAMES[:-4])
     assert select(["step", "micro", "step"]) == ["step", "micro"]
     with pytest.raises(ScenarioError, match=r"steps.*micro, step"):
         select(["steps"])

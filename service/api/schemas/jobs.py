@@ -24,6 +24,7 @@ Outcome = Literal[
     "buckled",
     "authority_lost",
     "shaft_beside",
+    "controller_failed",
 ]
 
 ScenarioInput = Annotated[

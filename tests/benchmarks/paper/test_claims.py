@@ -186,6 +186,7 @@ def test_comparisons_need_a_pair() -> None:
     assert compare([], rows([outcome("a", 0.1)]), group="LIN", names=("a", "b")) is None
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("open_loop", "rigid", "floor"), [(0.04, 0.01, True), (0.04, 0.06, False)])
 def test_floor_needs_every_reference_below(open_loop: float, rigid: float, floor: bool) -> None:
     outcomes = pair("LIN", [0.001] * 10, [0.002] * 10)
@@ -227,6 +228,7 @@ def test_nothing_at_all_breaks_nothing() -> None:
     assert face_mm([]) is None
 
 
+@pytest.mark.slow
 def test_nothing_but_failures_breaks_nothing() -> None:
     failed = [Outcome(o.case, {"status": "not_converged"}) for o in [*experiments(3), *seeds(2), *sensitivity()]]
     found = verdicts(failed)
@@ -239,6 +241,7 @@ def test_nothing_but_failures_breaks_nothing() -> None:
 # ---- verdicts
 
 
+@pytest.mark.slow
 def test_the_papers_results_would_be_reproduced() -> None:
     found = verdicts([*experiments(100), *seeds()], timings(5))
     assert found["stability"].verdict == REPRODUCED
@@ -252,6 +255,7 @@ def test_the_papers_results_would_be_reproduced() -> None:
     assert "with target noise" in found["lin"].reason
 
 
+@pytest.mark.slow
 def test_few_insertions_do_not_show_that_all_are_so() -> None:
     found = verdicts(experiments(12), timings(2))
     assert found["stability"].verdict == found["submillimetric"].verdict == UNDECIDED
@@ -260,6 +264,7 @@ def test_few_insertions_do_not_show_that_all_are_so() -> None:
     assert "2 paths are too few" in found["time-text"].reason
 
 
+@pytest.mark.slow
 def test_an_unknown_band_decides_nothing_that_the_mesh_may_change() -> None:
     found = verdicts([*experiments(100), *seeds()], timings(5), bands=UNKNOWN)
     assert found["young"].band == "ELM at two Young’s moduli on ALL: unknown"
@@ -269,6 +274,7 @@ def test_an_unknown_band_decides_nothing_that_the_mesh_may_change() -> None:
     assert "not decided by this discretisation" not in found["time-text"].reason
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("band_mm", "verdict"), [(0.0, REPRODUCED), (0.09, REPRODUCED), (0.11, UNDECIDED)])
 def test_a_difference_inside_the_band_is_not_decided(band_mm: float, verdict: str) -> None:
     """0.1 mm between the two, at every end point."""
@@ -281,6 +287,7 @@ def test_a_difference_inside_the_band_is_not_decided(band_mm: float, verdict: st
     )
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("worst_mm", "band_mm", "verdict"),
     [
@@ -366,6 +373,7 @@ def test_assumptions_are_those_of_the_insertions() -> None:
 # ---- precision under variable stiffness, and what noise is good for
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("ifem_mm", "elm_mm", "count", "verdict"),
     [(0.2, 0.1, 12, REPRODUCED), (0.1, 0.2, 12, NOT_REPRODUCED), (0.1, 0.2, 4, UNDECIDED)],
@@ -380,6 +388,7 @@ def test_the_elm_under_variable_stiffness(ifem_mm: float, elm_mm: float, count: 
     assert verdicts(outcomes[:count])["young-cur"].reason.startswith("I-FEM and ELM did not both run")
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("noisy_mm", "quiet_mm", "count", "verdict"),
     [(0.1, 0.3, 12, REPRODUCED), (0.3, 0.1, 12, NOT_REPRODUCED), (0.1, 0.3, 5, UNDECIDED)],
@@ -413,6 +422,7 @@ def test_a_failure_counts_once() -> None:
     assert "1 of the 13 that did not fail have an RMSE of 1 mm or more" in verdicts(worse)["submillimetric"].reason
 
 
+@pytest.mark.slow
 def test_errors_are_compared_apart_from_failures() -> None:
     """Failures decide the test over all; beside it stands what the others say."""
     claim = verdicts(pair("CUR", [0.1] * 12, [0.2] * 3 + [math.inf] * 9))["cur"]
@@ -420,12 +430,14 @@ def test_errors_are_compared_apart_from_failures() -> None:
     assert "in the 3 pairs without a failure" in claim.reason
 
 
+@pytest.mark.slow
 def test_a_direction_that_is_turned_round_is_not_reproduced() -> None:
     found = verdicts([*pair("LIN", [0.2] * 12, [0.1] * 12), *pair("CUR", [0.1] * 12, [0.2] * 12)])
     assert found["lin"].verdict == found["cur"].verdict == NOT_REPRODUCED
     assert "opposite" in found["lin"].reason
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("count", [6, 100])
 def test_a_direction_without_significance(count: int) -> None:
     """Half better, half worse: undecided, by few and by as many as the paper had."""
@@ -445,6 +457,7 @@ def test_failures_count_against_a_controller() -> None:
     assert claim.verdict == NOT_REPRODUCED
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("near", "far", "verdict"),
     [(10, 0, REPRODUCED), (0, 10, NOT_REPRODUCED), (2, 0, UNDECIDED), (0, 0, NOT_REPRODUCED), (60, 0, NOT_REPRODUCED)],
@@ -576,6 +589,7 @@ def test_groups_other_than_the_papers_are_welcome() -> None:
     assert list(by_group(table)) == ["LIN", "soft", "ALL"]
 
 
+@pytest.mark.slow
 def test_medians_of_the_synthetic_experiments() -> None:
     """What the other tests rest on."""
     found = {(s.group, s.arm): s.median_mm for s in scores(rows(experiments(40))) if s.young == "constant"}

@@ -75,6 +75,7 @@ def test_holm_by_hand() -> None:
     assert statistics.holm([]).size == 0
 
 
+@pytest.mark.slow
 def test_holm_counts_all_16_whether_they_could_be_made_or_not() -> None:
     def one_plant(cell: Cell, point: int, number: int) -> Measure | None:
         measured = elm_is(-0.1)(cell, point, number)
@@ -100,6 +101,7 @@ def test_each_verdict() -> None:
     assert {one.claim.verdict for one in planned([])} == {UNDECIDED}
 
 
+@pytest.mark.slow
 def test_ties_are_left_out_of_the_test_and_told() -> None:
     def half(cell: Cell, point: int, number: int) -> Measure:
         return elm_is(-0.2 if point < 9 else 0.0)(cell, point, number)
@@ -174,6 +176,7 @@ def test_what_is_above_the_budget_is_counted_and_left_out() -> None:
     assert "outside of the budget of 2.5 mm: 60 of 80 ELM, 0 of 80 I-FEM" in one.claim.reason
 
 
+@pytest.mark.slow
 def test_without_a_pair_inside_the_budget_nothing_is_decided() -> None:
     found = planned(made(lambda cell, *_: (0.1, 3.0) if cell.arm == "elm" else (0.3, 0.2), names=ALL))
     assert {one.claim.verdict for one in found} == {UNDECIDED}
@@ -220,6 +223,7 @@ def test_a_cell_shows_what_its_error_was_paid_with() -> None:
     assert math.isnan(score(cell, []).rmse_mm.median)
 
 
+@pytest.mark.slow
 def test_a_family_has_a_verdict_if_all_of_it_has() -> None:
     def by_plant(cell: Cell, point: int, number: int) -> Measure:
         return elm_is(-0.2 if cell.plant.name == "converged" else 0.2)(cell, point, number)
@@ -236,6 +240,7 @@ def test_a_family_has_a_verdict_if_all_of_it_has() -> None:
 # ---- the report
 
 
+@pytest.mark.slow
 def test_the_report_holds_everything_and_the_page_shows_it(tmp_path: Path) -> None:
     measure = elm_is(-0.2)
     outcomes = made(lambda *where: (math.inf, 0.5) if where[2] == 3 else measure(*where), names=ALL)

@@ -114,6 +114,7 @@ def test_a_smaller_scale_is_part_of_the_plan() -> None:
     assert all(known[case.id] == case for case in SettlingPlan(small).stages[-1].cases)
 
 
+@pytest.mark.slow
 def test_a_named_model_needs_no_data_set() -> None:
     plan = SettlingPlan(SettlingScale(name="mine", converged_model="mine.json"))
     assert [stage.title for stage in plan.stages] == ["data, linearised", "cells"]

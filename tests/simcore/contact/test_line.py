@@ -188,6 +188,7 @@ CASES: dict[str, dict[str, Any]] = {
 }
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", CASES)
 def test_the_total_depends_neither_on_the_ball_nor_on_the_mesh(name: str) -> None:
     """u_mesh + G for balls of 4 and 6 mm on meshes of 8 and 6 mm: within 3 % of each other, where the linear meshes
@@ -206,6 +207,7 @@ def test_the_total_depends_neither_on_the_ball_nor_on_the_mesh(name: str) -> Non
     assert short.min() > 0.08
 
 
+@pytest.mark.slow
 def test_what_the_mesh_owes_is_symmetric_and_scales_with_softness() -> None:
     """(3, 3), not negative: quadratic elements contain the linear ones; with 1 / E at the same nu."""
     stiff, soft = (Line.in_tissue(block(10.0, SIZE_MM, young_kpa=young), 6e-3) for young in (6.3, 3.15))
@@ -231,6 +233,7 @@ def test_the_line_goes_from_the_entry_through_the_tissue() -> None:
     np.testing.assert_allclose(weights @ nodes, centres.mean(axis=0), atol=1e-9)
 
 
+@pytest.mark.slow
 def test_a_result_from_the_cache_is_the_computed_one(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """In memory, in the user's folder and computed: the same bits; another E takes the same file, another nu, ball or
     entry another one; a folder that cannot be written costs time alone."""
@@ -257,6 +260,7 @@ def test_a_result_from_the_cache_is_the_computed_one(tmp_path: Path, monkeypatch
     np.testing.assert_array_equal(mesh_deficit(line.tissue, line.channel, ENTRY_M), computed)
 
 
+@pytest.mark.slow
 def test_a_mesh_file_of_the_block_is_calibrated_like_the_block(tmp_path: Path) -> None:
     """The same tetrahedra read from a file: the same deficit up to what the file's search for points rounds."""
     mesh = box_mesh(1e-3 * np.array(SIZE_MM), (2, 4, 6))

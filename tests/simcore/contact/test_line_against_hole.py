@@ -87,6 +87,7 @@ def rectangle(width: float, height: float, around: int) -> Vector:
     return np.asarray(reach[:, None] * direction)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("poisson", [0.0, 0.4])
 def test_the_meshed_hole_gives_the_closed_form_of_a_ring(poisson: float) -> None:
     """The reference itself: scikit-fem on a ring held at 15 mm."""

@@ -78,6 +78,7 @@ def stored(trip: Trip) -> Vector:
     return np.array([[held(tissue, s.bodies.x)[2], beam_energy(needle, s.bodies), line_energy(s)] for s in trip.states])
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("spacing_mm", "share"), [(6.0, 0.15), (3.0, 0.05)])
 def test_energy_closes_over_push_hold_withdrawal_and_re_entry(spacing_mm: float, share: float) -> None:
     """Without friction, quasi-static: work of the robot = energies of tissue, needle and line + f_cut times the way
@@ -108,6 +109,7 @@ def new_points(before: InsertionState, after: InsertionState) -> set[int]:
 # moments
 
 
+@pytest.mark.slow
 def test_the_moment_of_the_gap_is_the_only_one_that_is_not_balanced() -> None:
     """Force on the ball = force on the shaft point, which is g farther; the base bears all forces, and the moments of
     all points about their balls plus the moment of g x F of what acts along the shaft and is carried across the gap."""
@@ -129,6 +131,7 @@ def test_the_moment_of_the_gap_is_the_only_one_that_is_not_balanced() -> None:
     assert max(shares) > 1e-7  # it is there
 
 
+@pytest.mark.slow
 def test_a_free_tip_bears_no_lateral_force_and_the_others_obey_their_compliance() -> None:
     """Whole curved trip: at X_c P F = 0; at each other point ball - shaft = -C lambda across the shaft, C = G / l, l
     the lengths that add up to the inserted length, at the entry what the bevel lacks to be in as well."""
@@ -153,6 +156,7 @@ def test_a_free_tip_bears_no_lateral_force_and_the_others_obey_their_compliance(
 # the channel
 
 
+@pytest.mark.slow
 def test_a_point_one_diameter_deep_resolves_what_the_bevel_cut() -> None:
     """Points of the shaft: entry, one needle diameter, then multiples of the spacing; hard ones and points closer than
     the diameter are multiples alone. Each is where the tip was at that depth of the channel."""

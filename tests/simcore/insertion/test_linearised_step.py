@@ -65,6 +65,7 @@ def test_tissue_with_mass_runs_with_one_linearised_step() -> None:
     assert 0.0 < apart_m < ONE_PER_CENT * still.series["max_displacement_m"].max()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "controller",
     [

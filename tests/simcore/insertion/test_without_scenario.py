@@ -6,6 +6,8 @@ import subprocess
 import sys
 from pathlib import Path
 
+import pytest
+
 SCRIPT = """
 import sys
 
@@ -46,6 +48,7 @@ print(state.inserted_m, push)
 """
 
 
+@pytest.mark.slow
 def test_an_insertion_of_si_objects_needs_no_pydantic() -> None:
     """20 mm of push: base force = f_cut + tau0 D, D the inserted length."""
     root = Path(__file__).resolve().parents[3]

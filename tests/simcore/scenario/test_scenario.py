@@ -18,6 +18,7 @@ from tests.simcore.scenario.scenario_fields import KINDS, STRAIGHT_IN, Json, ref
 from tests.strategies import scenarios
 
 
+@pytest.mark.slow
 @settings(max_examples=examples(60), deadline=None)
 @given(scenarios())
 def test_round_trip(data: Json) -> None:

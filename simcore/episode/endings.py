@@ -9,10 +9,10 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from simcore.episode.authority import lost_authority
 from simcore.errors import Status
 from simcore.insertion.stability import is_stable, least_buckling_force_n
 from simcore.needle.shaft import shaft_frame
-from simcore.rollout.authority import lost_authority
 from simcore.scenario.scenario import Replay
 from simcore.tissue.strain import strain_extremes
 
