@@ -16,7 +16,8 @@ import numpy as np
 from benchmarks.builtin_scenarios import with_blocks
 from benchmarks.measurements import Part, Table, figure
 from benchmarks.observed_run import ObservedRun, observe
-from benchmarks.studies.convergence import FULL, PATHS, QUICK, Discretisation, path_scenario, quantities
+from benchmarks.studies.convergence import PATHS, path_scenario, quantities
+from benchmarks.studies.discretisation import FULL, QUICK, Discretisation
 from benchmarks.studies.graded_block import graded_block, write_medit
 from benchmarks.studies.grid_convergence import size_of
 from benchmarks.studies.replayed_poses import replay_block

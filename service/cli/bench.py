@@ -138,6 +138,8 @@ def _measure(names: list[str], json_file: Path | None, folder: Path, quick: bool
             crew=lambda workers: bench_crew(workers, Path(scratch), say),
             folder=Path(scratch),
             quick=quick,
+            kept=lambda name: _text_of(folder / name),
+            keep=lambda name, text: replace_atomically(folder / name, functools.partial(_fill, text)),
         )
         parts = run_suite(names, ports)
     report = document(parts, date=date, quick=quick, load_before=before, load_after=_load())
@@ -149,6 +151,10 @@ def _measure(names: list[str], json_file: Path | None, folder: Path, quick: bool
     for path, text in written.items():
         replace_atomically(path, functools.partial(_fill, text))
         click.echo(path)
+
+
+def _text_of(path: Path) -> str | None:
+    return path.read_text(encoding="utf-8") if path.exists() else None
 
 
 def _fill(text: str, file: BinaryIO) -> None:

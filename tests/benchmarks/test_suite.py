@@ -274,6 +274,11 @@ def test_the_studies_and_the_processes_through_the_command(tmp_path: Path) -> No
     names = ["throughput", "recording", "memory", "convergence", "forces"]
     done = CliRunner().invoke(main, ["bench", *names, "--quick", "--out", str(tmp_path)])
     assert done.exit_code == 0, done.output
-    for name in ("convergence.md", "convergence.json", "convergence.svg", "forces.md", "forces.csv", "forces.svg"):
+    pictures = ("convergence.svg", "closed_loop.svg", "forces.svg")
+    for name in ("convergence.md", "convergence.json", "forces.md", "forces.csv", *pictures):
         assert (tmp_path / name).stat().st_size > 100
+    loops = json.loads((tmp_path / "convergence.json").read_text())["closed_loop"]
+    assert set(loops["suites"]) == {"LIN", "CUR"}
+    assert all(0.0 < loops["suites"][suite]["ifem"] < 1.0 for suite in loops["suites"])
+    assert len(json.loads((tmp_path / "closed_loop_runs.json").read_text())["runs"]) == 36
     assert "memory.1617_mb" in done.stdout

@@ -12,11 +12,13 @@ import pytest
 
 from benchmarks.cases import Case, Outcome
 from benchmarks.paper.analysis import box, controller_contrasts, direction_contrasts, scores, young_contrasts
+from benchmarks.paper.bands import UNKNOWN, Bands, bands_of
 from benchmarks.paper.claims import assumptions, claims
 from benchmarks.paper.comparison import as_json, compare
 from benchmarks.paper.evidence import NOT_REPRODUCED, REPRODUCED, UNDECIDED, Claim, Evidence
 from benchmarks.paper.failure_places import border_mm, face_mm, notable_cases, spots
 from benchmarks.paper.learning_studies import LearningPoint, learning_steps, seed_scores, seed_shares, variants
+from benchmarks.paper.scale import SCALES, Scale
 from benchmarks.paper.statistics import Interval
 from benchmarks.paper.table import Row, by_group, insertions_csv, only, rows
 from benchmarks.paper.timing import costs, savings
@@ -31,8 +33,10 @@ from tests.benchmarks.paper.synthetic import (
     timings,
 )
 
+NARROW = Bands(named_mm=1e-4, named_difference_mm=1e-4)
 
-def evidence_of(outcomes: list[Outcome], timing: list[Outcome] | None = None, band_mm: float | None = 1e-4) -> Evidence:
+
+def evidence_of(outcomes: list[Outcome], timing: list[Outcome] | None = None, bands: Bands = NARROW) -> Evidence:
     table = rows(outcomes)
     return Evidence(
         rows=table,
@@ -42,14 +46,12 @@ def evidence_of(outcomes: list[Outcome], timing: list[Outcome] | None = None, ba
         directions=direction_contrasts(table),
         savings=savings(rows(timing or [])),
         seeds=seed_shares(seed_scores(table)),
-        band_mm=band_mm,
+        bands=bands,
     )
 
 
-def verdicts(
-    outcomes: list[Outcome], timing: list[Outcome] | None = None, band_mm: float | None = 1e-4
-) -> dict[str, Claim]:
-    return {claim.key: claim for claim in claims(evidence_of(outcomes, timing, band_mm))}
+def verdicts(outcomes: list[Outcome], timing: list[Outcome] | None = None, bands: Bands = NARROW) -> dict[str, Claim]:
+    return {claim.key: claim for claim in claims(evidence_of(outcomes, timing, bands))}
 
 
 def pair(group: str, ifem: list[float], elm: list[float]) -> list[Outcome]:
@@ -264,10 +266,11 @@ def test_few_insertions_do_not_show_that_all_are_so() -> None:
 
 @pytest.mark.slow
 def test_an_unknown_band_decides_nothing_that_the_mesh_may_change() -> None:
-    found = verdicts([*experiments(100), *seeds()], timings(5), band_mm=None)
+    found = verdicts([*experiments(100), *seeds()], timings(5), bands=UNKNOWN)
+    assert found["young"].band == "ELM at two Young’s moduli on ALL: unknown"
     times = {key for key in found if key.startswith("time")}
     assert {found[key].verdict for key in found.keys() - times} == {UNDECIDED}
-    assert "not decided by this discretisation, whose band is unknown" in found["cur"].reason
+    assert "not decided by this discretisation, whose band of I-FEM minus ELM on CUR is unknown" in found["cur"].reason
     assert "not decided by this discretisation" not in found["time-text"].reason
 
 
@@ -275,8 +278,10 @@ def test_an_unknown_band_decides_nothing_that_the_mesh_may_change() -> None:
 @pytest.mark.parametrize(("band_mm", "verdict"), [(0.0, REPRODUCED), (0.09, REPRODUCED), (0.11, UNDECIDED)])
 def test_a_difference_inside_the_band_is_not_decided(band_mm: float, verdict: str) -> None:
     """0.1 mm between the two, at every end point."""
-    claim = verdicts(pair("LIN", [0.1] * 12, [0.2] * 12), band_mm=band_mm)["lin"]
+    bands = Bands(named_mm=9.0, named_difference_mm=band_mm)
+    claim = verdicts(pair("LIN", [0.1] * 12, [0.2] * 12), bands=bands)["lin"]
     assert claim.verdict == verdict
+    assert claim.band == f"I-FEM minus ELM on LIN: {band_mm:.3g} mm"
     assert ("not decided by this discretisation: 0.1 mm lie inside its band of 0.11 mm" in claim.reason) == (
         verdict == UNDECIDED
     )
@@ -297,7 +302,61 @@ def test_how_near_a_millimetre_the_worst_may_be_depends_on_the_band(
 ) -> None:
     errors = [*([0.1] * 99), worst_mm]
     outcomes = [*pair("LIN", errors, [0.1] * 100), *pair("CUR", [0.1] * 100, [0.2] * 100)]
-    assert verdicts(outcomes, band_mm=band_mm)["submillimetric"].verdict == verdict
+    bands = Bands(named_mm=band_mm, named_difference_mm=9.0)
+    assert verdicts(outcomes, bands=bands)["submillimetric"].verdict == verdict
+
+
+def measured_bands(**changes: dict[str, float | None]) -> Bands:
+    """All narrow but for these suites' quantities."""
+    known: dict[str, float | None] = dict.fromkeys(("ifem", "elm", "elm minus ifem"), 1e-4)
+    return Bands({suite: {**known, **changes.get(suite, {})} for suite in ("LIN", "CUR")}, source="a study")
+
+
+def test_each_claim_is_held_against_the_band_of_what_it_compares() -> None:
+    """A wide band of one suite's difference leaves the other suite's claim, and those about one controller."""
+    outcomes = [*pair("LIN", [0.1] * 100, [0.2] * 100), *pair("CUR", [0.2] * 100, [0.1] * 100)]
+    decided = {"lin", "cur", "submillimetric", "stability"}
+    cases: tuple[tuple[dict[str, Any], set[str]], ...] = (
+        ({}, set()),
+        ({"CUR": {"elm minus ifem": 0.3}}, {"cur"}),
+        ({"LIN": {"elm minus ifem": 0.3}}, {"lin"}),
+        ({"LIN": {"elm": 0.85}}, {"submillimetric"}),
+        ({"LIN": {"elm": 0.3}, "CUR": {"ifem": 0.3}}, set()),
+        ({"CUR": {"elm": None}}, {"submillimetric", "stability"}),
+    )
+    for changes, undecided in cases:
+        found = verdicts(outcomes, bands=measured_bands(**changes))
+        assert {key for key in decided if found[key].verdict == UNDECIDED} == undecided
+    assert found["cur"].band == "I-FEM minus ELM on CUR: 0.0001 mm"
+    assert found["stability"].band == "RMSE of I-FEM and ELM on ALL: unknown"
+
+
+def test_a_pair_that_was_not_measured_has_both_bands_together() -> None:
+    bands = measured_bands(LIN={"elm": 0.02, "ifem": 0.01})
+    assert bands.difference("LIN", "ifem", "elm").mm == bands.difference("LIN", "elm", "ifem").mm == 1e-4
+    assert bands.difference("LIN", "elm", "elm_quiet").mm == pytest.approx(0.04)
+    assert bands.difference("ALL", "elm", "elm").mm == pytest.approx(0.04)
+    assert bands.difference("LIN", "elm", "mlp").mm is None
+    assert Bands(named_mm=0.1).difference("CUR", "elm", "ifem").mm == pytest.approx(0.2)
+    assert Bands(named_difference_mm=0.1).rmse("CUR", "elm").mm is None
+    assert UNKNOWN.rmse("ALL", "ifem", "elm").mm is None
+
+
+def test_only_the_discretisation_that_was_measured_has_the_measured_bands(monkeypatch: pytest.MonkeyPatch) -> None:
+    measured = measured_bands()
+    monkeypatch.setattr("benchmarks.paper.bands.MEASURED", measured)
+    assert bands_of(SCALES["full"]) == bands_of(SCALES["extended"]) == measured
+    assert bands_of(Scale(name="mine", lin=3)) == measured
+    for other in (
+        SCALES["quick"],
+        SCALES["smoke"],
+        Scale(name="mine", dt_s=0.02),
+        Scale(name="mine", element_size_mm=5),
+    ):
+        assert bands_of(other) == UNKNOWN
+    named = bands_of(Scale(name="mine", element_size_mm=5.0, band_mm=0.1))
+    assert (named.rmse("LIN", "elm").mm, named.difference("LIN", "elm", "ifem").mm) == (0.1, 0.2)
+    assert bands_of(Scale(name="full", band_difference_mm=0.1)).rmse("LIN", "elm").mm is None
 
 
 def test_assumptions_are_those_of_the_insertions() -> None:

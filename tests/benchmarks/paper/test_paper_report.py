@@ -12,6 +12,7 @@ from xml.etree import ElementTree
 import pytest
 
 from benchmarks.cases import Case, Label, Outcome
+from benchmarks.paper.bands import Bands
 from benchmarks.paper.failure_places import notable_cases
 from benchmarks.paper.page import change, change_interval, html, interval, mm, p_value, percent, share, signed
 from benchmarks.paper.pipeline import cases_to_record
@@ -119,6 +120,20 @@ def test_every_part_is_there(report: dict[str, Any]) -> None:
 
 
 # ---- the page
+
+
+@pytest.mark.slow
+def test_the_page_says_which_band_each_claim_was_held_against() -> None:
+    known: dict[str, float | None] = {"ifem": 0.011, "elm": None, "elm minus ifem-axis": 0.03, "elm minus ifem": 0.02}
+    report = document(experiments(5), bands=Bands({"LIN": known, "CUR": known}, source="a study"))
+    assert report["bands"]["suites"]["CUR"] == known
+    text = Page(html(report)).text
+    assert "Band, I-FEM minus ELM on CUR: 0.02 mm" in text
+    assert "Band, RMSE of I-FEM and ELM on ALL: unknown" in text
+    assert "Bands of this discretisation (a study): RMSE of I-FEM on LIN: 0.011 mm; RMSE of ELM on LIN: unknown" in text
+    assert "ELM minus I-FEM, axis on CUR: 0.03 mm; ELM minus I-FEM on CUR: 0.02 mm." in text
+    unknown = Page(html(document(experiments(5)))).text
+    assert "Bands of this discretisation: unknown, so that nothing the mesh may change is decided." in unknown
 
 
 @pytest.mark.slow

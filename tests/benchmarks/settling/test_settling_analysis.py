@@ -10,10 +10,11 @@ import numpy as np
 import pytest
 
 from benchmarks.paper import statistics
+from benchmarks.paper.bands import Bands
 from benchmarks.paper.evidence import NOT_REPRODUCED, REPRODUCED, UNDECIDED
 from benchmarks.paper.table import rows
-from benchmarks.settling.analysis import Planned, families, planned_comparisons, together
-from benchmarks.settling.cells import cells, planned_pairs
+from benchmarks.settling.analysis import Planned, band_of, families, planned_comparisons, together
+from benchmarks.settling.cells import AXIS, cells, planned_pairs
 from benchmarks.settling.report import document, html, write
 from benchmarks.settling.scale import SettlingScale
 from benchmarks.settling.scores import BUDGET_MM, score, within_budget
@@ -26,7 +27,7 @@ if TYPE_CHECKING:
     from benchmarks.cases import Outcome
     from benchmarks.settling.cells import Cell
 
-SCALE = SettlingScale(name="full", band_mm=0.001)
+SCALE = SettlingScale(name="full", band_mm=0.001, band_difference_mm=0.001)
 Measure = tuple[float, float | None]  # tip RMSE (infinite: failed), largest RCM error; mm
 
 
@@ -132,11 +133,27 @@ def test_a_difference_below_the_margin_is_told_and_one_inside_the_band_is_undeci
     assert "by less than the margin of 0.05 mm" in small.claim.reason
     (large, *_) = planned(made(elm_is(-0.2)))
     assert "margin" not in large.claim.reason
-    for band in (0.25, None):
-        scale = SCALE.model_copy(update={"band_mm": band})
+    unknown = {"band_mm": None, "band_difference_mm": None, "element_size_mm": 5.0}
+    for changes in ({"band_difference_mm": 0.25}, {"band_mm": 0.11, "band_difference_mm": None}, unknown):
+        scale = SCALE.model_copy(update=changes)
         (one, *_) = planned(made(elm_is(-0.2)), scale)
         assert one.claim.verdict == UNDECIDED
         assert "not decided by this discretisation" in one.claim.reason
+
+
+def test_each_comparison_has_the_band_of_its_treatment_of_the_remote_centre() -> None:
+    bands = Bands({"CUR": {"elm minus ifem": 0.01, "elm minus ifem-axis": 0.02}})
+    for cell in cells(SCALE):
+        if cell.arm == "ifem":
+            one = band_of(cell, bands)
+            assert one.mm == 0.02
+            assert ("the wider" in one.of) is (cell.rows != AXIS)
+    axis = next(cell for cell in cells(SCALE) if cell.rows == AXIS)
+    rows_of_weight_one = next(cell for cell in cells(SCALE) if cell.rows == 1.0)
+    other = Bands({"CUR": {"elm minus ifem": 0.03, "elm minus ifem-axis": 0.02}})
+    assert (band_of(axis, other).mm, band_of(rows_of_weight_one, other).mm) == (0.02, 0.03)
+    unknown = Bands({"CUR": {"elm minus ifem": None, "elm minus ifem-axis": 0.02}})
+    assert (band_of(axis, unknown).mm, band_of(rows_of_weight_one, unknown).mm) == (0.02, None)
 
 
 # ---- budget and failures
@@ -238,6 +255,8 @@ def test_the_report_holds_everything_and_the_page_shows_it(tmp_path: Path) -> No
     for first, second in planned_pairs(SCALE):
         assert first.name in text
         assert second.name in text
+    assert "band, ELM minus I-FEM, axis on CUR: 0.001 mm" in text
+    assert "Bands of this discretisation (named by the scale): RMSE of a controller: 0.001 mm" in text
     assert html(report) == text
     drawn = (tmp_path / "pareto.svg").read_text()
     assert drawn.count("<circle") == 20
@@ -247,4 +266,6 @@ def test_the_report_holds_everything_and_the_page_shows_it(tmp_path: Path) -> No
 def test_a_part_of_the_plan_has_a_page_too() -> None:
     outcomes = made(lambda cell, *_: (0.1, 3.0) if cell.arm == "elm" else None, end_points=1, names=ALL)
     assert "no pair of insertions to compare" in html(json.loads(json.dumps(document(outcomes, SCALE))))
+    coarse = SettlingScale(name="coarse", element_size_mm=12.0)
+    assert "Bands of this discretisation: unknown, so that nothing is decided." in html(document(outcomes, coarse))
     assert document([], SCALE)["cells"][0]["rmse_mm"]["median"] is None

@@ -126,4 +126,4 @@ def test_budget_and_margin_are_no_fields() -> None:
     with pytest.raises(ScenarioError, match=r"end_points = 21.*\n.*budget_mm"):
         scale_of({"name": "mine", "end_points": 21, "budget_mm": 2.0}, SettlingScale, field="--scale")
     assert scale_of({"name": "mine", "band_mm": 0.1}, SettlingScale, field="--scale").band_mm == 0.1
-    assert SettlingPlan(SettlingScale(name="full", band_mm=0.1)).sha256 == FULL.sha256
+    assert SettlingPlan(SettlingScale(name="full", band_mm=0.1, band_difference_mm=0.2)).sha256 == FULL.sha256
