@@ -39,6 +39,7 @@ if TYPE_CHECKING:
     from simcore.plugins import register_controller
     from simcore.rollout.rollout import run
     from simcore.scenario.scenario import Scenario
+    from simcore.scenario.waypoint_file import read_waypoints
 
 __version__ = installed_version()
 __all__ = [
@@ -51,6 +52,7 @@ __all__ = [
     "Scenario",
     "Snapshot",
     "__version__",
+    "read_waypoints",
     "register_controller",
     "rotation_towards",
     "run",
@@ -65,6 +67,7 @@ _HOMES = {
     "Pose": "simcore.insertion.state",
     "Scenario": "simcore.scenario.scenario",
     "Snapshot": "simcore.episode",
+    "read_waypoints": "simcore.scenario.waypoint_file",
     "register_controller": "simcore.plugins",
     "rotation_towards": "simcore.insertion.insertion",
     "run": "simcore.rollout.rollout",

@@ -69,7 +69,7 @@ STATUSES = {
     Status.TISSUE_LEFT: "the tip left the tissue elsewhere than where it came in",
     Status.CHANNEL_LEFT: "a tip that was pushed in again missed the channel that it had cut",
     Status.TARGET_LOST: "the tip was farther from the target of its command than max(10 mm, 5 `success_mm`); not "
-    "judged for prescribed poses",
+    "judged for prescribed poses and for targets without a path",
     Status.BUCKLED: "the needle, as base and tissue hold it, was pushed to the limit point of its free shaft: its "
     "equilibrium was unstable, or a step within a tenth of that load found none",
     Status.AUTHORITY_LOST: "the RCM authority vanished on the way (its smallest singular value fell to 0.02, or its "

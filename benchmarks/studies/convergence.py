@@ -21,7 +21,7 @@ from benchmarks.studies.discretisation import FULL, QUICK, QUICK_SHARE
 from benchmarks.studies.grid_convergence import GridBand, grid_band, size_of
 from benchmarks.studies.replayed_poses import replay_block
 from benchmarks.studies.sweeps import at_times
-from simcore.scenario.scenario import Scenario
+from simcore.scenario.scenario import Scenario, StraightTrajectory
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -106,6 +106,7 @@ def path_bands(
 ) -> PathBands:
     """Bands of every quantity along one path; the path ends where the shortest run does."""
     end_s = min(float(run.series["t_s"][-1]) for run in runs.values())
+    assert isinstance(scenario.trajectory, StraightTrajectory)
     speed = scenario.trajectory.speed_mm_s
     results = {key: quantities(run, end_s, speed) for key, run in runs.items()}
     bands = {}

@@ -23,6 +23,7 @@ from benchmarks.studies.grid_convergence import size_of
 from benchmarks.studies.replayed_poses import replay_block
 from benchmarks.svg_plot import Line, Panel, svg
 from simcore.errors import Status
+from simcore.scenario.scenario import StraightTrajectory
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -57,6 +58,7 @@ class Candidate:
         if not self.grading:
             return {"tissue": {"element_size_mm": self.size_mm}}
         path, tissue = scenario.trajectory, self.tissue(scenario)
+        assert isinstance(path, StraightTrajectory)
         ends = np.array(path.entry_mm), np.array(path.target_mm)
         box, nodes = graded_block(np.array(tissue.size_mm), tissue.cells, *ends, self.grading)
         file = folder / f"{scenario.name}-{self.size_mm:g}-{self.grading:g}.mesh"
@@ -115,6 +117,7 @@ def along_path(
         changes = candidate.changes(base, ports.folder)
         runs[candidate] = observe(with_blocks(base, **changes, controller=poses, name=f"{path} {candidate.name}"))
     end_s = min(float(run.series["t_s"][-1]) for run in runs.values() if run.status == Status.COMPLETED)
+    assert isinstance(base.trajectory, StraightTrajectory)
     speed = base.trajectory.speed_mm_s
     exact = quantities(runs[candidates[-1]], end_s, speed)["tip_path_mm"]
     return [

@@ -8,6 +8,7 @@ from pathlib import PurePath
 from typing import TYPE_CHECKING
 
 from simcore.controllers.base import seed_of_controller
+from simcore.episode.observation import Observation
 from simcore.errors import ModelFailureError
 from simcore.plugins import PluginError, factory_of
 
@@ -15,7 +16,8 @@ if TYPE_CHECKING:
     from collections.abc import Iterator
 
     from simcore.arrays import Floats
-    from simcore.controllers.base import Controller, Observation
+    from simcore.controllers.base import Controller
+    from simcore.episode.observation import Observation
     from simcore.insertion.state import Pose
     from simcore.scenario.scenario import Plugin, Scenario
 

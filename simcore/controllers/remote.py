@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from simcore.controllers.base import seed_of_controller
+from simcore.episode.observation import Observation
 from simcore.errors import ControllerError
 from simcore.insertion.state import Pose
 from simcore.remote.link import Address, Link, LinkError
@@ -28,7 +29,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable
 
     from simcore.arrays import Floats
-    from simcore.controllers.base import Observation
+    from simcore.episode.observation import Observation
     from simcore.errors import Status
     from simcore.remote.messages import Vector3
     from simcore.scenario.scenario import Remote, Scenario

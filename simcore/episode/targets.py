@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from simcore.scenario.controller_blocks import LOOK_AHEAD
-from simcore.trajectory import held_noise, targets
+from simcore.trajectory import held_noise
 
 if TYPE_CHECKING:
     from simcore.arrays import Floats
@@ -22,8 +22,7 @@ class Targets:
 
     def __init__(self, scenario: Scenario, insertion: Insertion) -> None:
         self.insertion, self.carried = insertion, scenario.trajectory.frame == "tissue"
-        speed = scenario.trajectory.speed_mm_s * 1e-3
-        self.rest_m = targets(scenario.path(), speed_m_s=speed, dt_s=scenario.dt_s, steps=scenario.steps)
+        self.rest_m = scenario.trajectory.targets_m(scenario.dt_s, scenario.steps)
         self._carriers: list[tuple[Floats, Floats]] = []  # nodes and weights of the first targets
         self.draw(scenario)
 

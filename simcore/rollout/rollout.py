@@ -23,7 +23,7 @@ from simcore.rollout.records import Observer, Scene, Silent, StepRecord, StepTim
 from simcore.rollout.result import Rollout
 from simcore.rollout.series import SeriesBuilder
 from simcore.rotations import quaternion_from_matrix
-from simcore.scenario.scenario import Plugin, Remote, Scenario
+from simcore.scenario.scenario import Plugin, ReachTrajectory, Remote, Scenario
 from simcore.tissue.strain import strain_extremes
 from simcore.trajectory import Path, polyline_distance_m
 
@@ -166,10 +166,16 @@ class _Loop:
         self.jacobian_s = self.clock() - started
         return self.response
 
+    @property
+    def has_path(self) -> bool:
+        """Whether there is more to follow than a target."""
+        return not isinstance(self.scenario.trajectory, ReachTrajectory)
+
     @cached_property
     def path_in_tissue(self) -> MaterialPoints | None:
-        """The path as the tissue carries it; None if it is fixed in space."""
-        return material_path(self.insertion, self.path) if self.scenario.trajectory.frame == "tissue" else None
+        """The path as the tissue carries it; None if it is fixed in space, or there is none."""
+        carried = self.has_path and self.scenario.trajectory.frame == "tissue"
+        return material_path(self.insertion, self.path) if carried else None
 
     def scene(self) -> Scene:
         """What stays the same during the run."""
@@ -260,7 +266,7 @@ class _Loop:
             metrics=metrics(
                 status,
                 series,
-                self.path,
+                self.path if self.has_path else None,
                 dt_s=dt,
                 steps=self.steps,
                 success_mm=self.scenario.success_mm,

@@ -6,6 +6,7 @@ import json
 import re
 from typing import Annotated, Any, Literal, Self
 
+import numpy as np
 from pydantic import ConfigDict, Field, ValidationError, model_validator
 
 from simcore.errors import Problem, ScenarioError
@@ -24,12 +25,9 @@ from simcore.scenario.blocks import (
     Number,
     Recording,
     Robot,
-    SineTrajectory,
     Solver,
     Still,
-    StraightTrajectory,
     Tissue,
-    Trajectory,
     bounded,
 )
 from simcore.scenario.controller_blocks import (
@@ -61,6 +59,14 @@ from simcore.scenario.rules import (
     with_mesh,
 )
 from simcore.scenario.sensing import Sensing, sensing_problems
+from simcore.scenario.trajectory_blocks import (
+    ArcTrajectory,
+    ReachTrajectory,
+    SineTrajectory,
+    StraightTrajectory,
+    Trajectory,
+    WaypointTrajectory,
+)
 from simcore.scenario.validation import problems_of
 from simcore.trajectory import Path
 
@@ -70,6 +76,7 @@ __all__ = [
     "MINIMUM_DEPTH_MM",
     "SCHEMA",
     "STAND_OFF_MM",
+    "ArcTrajectory",
     "Breathing",
     "ExtremeLearning",
     "FrozenJacobian",
@@ -81,6 +88,7 @@ __all__ = [
     "Neighbours",
     "OpenLoop",
     "Plugin",
+    "ReachTrajectory",
     "Recording",
     "Remote",
     "Replay",
@@ -96,6 +104,7 @@ __all__ = [
     "Still",
     "StraightTrajectory",
     "Tissue",
+    "WaypointTrajectory",
 ]
 
 LARGEST_SEED = 2**53 - 1  # what JSON readers keep exactly
@@ -182,8 +191,8 @@ class Scenario(Block):
 
     @classmethod
     def load(cls, data: Any) -> Scenario:
-        """Validate a JSON value (dict), a JSON text, or the name of a built-in scenario. Raises ScenarioError, which
-        names every wrong field.
+        """Validate a JSON value (dict, in which arrays of numpy count as lists), a JSON text, or the name of a built-in
+        scenario. Raises ScenarioError, which names every wrong field.
 
         Files that it names are looked up as `simcore.file_names` says at that moment.
         """
@@ -192,7 +201,7 @@ class Scenario(Block):
                 data = data.decode(json.detect_encoding(data))  # a redirected PowerShell writes UTF-16
             if isinstance(data, str) and re.fullmatch(r"\s*[\w./\\:~ -]+\s*", data):
                 return cls._named(data.strip())
-            text = data if isinstance(data, str) else json.dumps(data)
+            text = data if isinstance(data, str) else json.dumps(data, default=_plain)
         except (TypeError, ValueError, RecursionError) as error:
             raise ScenarioError([Problem("scenario", type(data).__name__, f"is not JSON: {error}")]) from None
         try:
@@ -219,7 +228,8 @@ class Scenario(Block):
 
     @property
     def steps(self) -> int:
-        """Number of steps: the replay's poses, or ceil(path length / (speed dt))."""
+        """Number of steps: the replay's poses, or ceil(path length / (speed dt)), or of a target without a path
+        ceil(time / dt)."""
         return steps_along(self.trajectory, self.controller, self.dt_s)
 
     @property
@@ -241,8 +251,15 @@ class Scenario(Block):
             slides = "where the tip slides to before it enters depends on the mesh, by millimetres on a steep path"
             far.append(f"interaction.puncture_n = {self.interaction.puncture_n:g} N: {slides}; 0 = nicked beforehand")
         if (length_mm := 1e3 * self.path().length_m) < SHORT_MM:
-            far.append(f"trajectory.target_mm: the path is {length_mm:.3g} mm long; are its points in metres?")
+            far.append(f"{self.trajectory.end_field}: the path is {length_mm:.3g} mm long; are its points in metres?")
         if self.sensing.degrades and isinstance(self.controller, InverseFem) and not separate_model(self.controller):
             far.append(SHARED_WITH_SENSING)
         conditions = self.model_dump(mode="json", include=set(CONDITIONS))
         return [*far, *training_warnings(self.controller, self.trajectory, conditions)]
+
+
+def _plain(value: Any) -> Any:
+    """An array or a number of numpy as JSON has it. Raises TypeError for anything else."""
+    if isinstance(value, np.ndarray | np.generic):
+        return value.tolist()
+    raise TypeError(f"Object of type {type(value).__name__} is not JSON serializable")

@@ -142,10 +142,11 @@ def test_the_line_is_as_compliant_as_a_needle_whose_hole_is_meshed(
     """No number of the plant is fitted to this one."""
     found = line_in_block(element_mm, radius_m, poisson)
     text = f"needle's line, nu = {poisson:g}, h {element_mm:g}, ball {1e3 * radius_m:g} mm: compliance"
-    numbers = {"expected": np.array(hole_in_block(poisson)), "measured": found, "unit": "m2/N"}
     check(
         f"{text} along x, y",
-        **numbers,
+        expected=np.array(hole_in_block(poisson)),
+        measured=found,
+        unit="m2/N",
         tolerance=0.04,
         relative=True,
         source="scikit-fem, the hole meshed, plane strain",
