@@ -5,6 +5,7 @@ from __future__ import annotations
 from contextlib import asynccontextmanager
 from typing import TYPE_CHECKING, Any, cast
 
+import anyio
 import anyio.to_thread
 from fastapi import Depends, FastAPI
 
@@ -48,9 +49,10 @@ def create_app(service: Service) -> FastAPI:
         try:
             yield
         finally:
-            service.changes.close()
-            await anyio.to_thread.run_sync(service.keeper.stop)
-            await anyio.to_thread.run_sync(service.engine.stop)
+            service.begin_to_stop()
+            own = anyio.CapacityLimiter(1)  # requests may hold every thread of the common one
+            await anyio.to_thread.run_sync(service.engine.stop, limiter=own)
+            await anyio.to_thread.run_sync(service.keeper.stop, limiter=own)
             service.store.close()
 
     app = FastAPI(

@@ -92,6 +92,12 @@ class Service:
         """Whether it takes no more work: it is draining or shutting down."""
         return self.changes.closed or self.engine.draining
 
+    def begin_to_stop(self) -> None:
+        """Tell everything that works or waits to end; nobody is waited for."""
+        self.engine.begin_to_stop()
+        self.keeper.begin_to_stop()
+        self.changes.close()
+
     def refuse_when_closing(self) -> None:
         """Raises HttpError 503 once no more work is taken."""
         if self.closing:

@@ -201,7 +201,8 @@ class Slot(threading.Thread):
             _log.warning("job %s, attempt %d: %s", job.id, job.attempt, reason, extra=named(job))
             return lambda: self._store.requeue(job, reason=reason, crashed=True)
         if outcome is None:
-            self._worker.kill()
+            if self._abandoned.is_set():
+                self._worker.kill()
             return lambda: self._store.requeue(job, reason="the server was stopped", crashed=False)
         return lambda: self._finish(job, outcome)
 

@@ -27,6 +27,7 @@ if TYPE_CHECKING:
     from types import FrameType
 
     from service.api.context import Service
+    from service.server.last_resort import LastResort
 
 WRITTEN_FOR = ("uvicorn", "0.54", "0.55")  # from this version, below that one
 _log = logging.getLogger(logs.ROOT)
@@ -207,11 +208,18 @@ class Protocol(HttpToolsProtocol):
 class Server(uvicorn.Server):
     """uvicorn, which announces where it listens, drains as long as the settings say and ends long polls at once.
 
-    announce: hears `url` once the service listens and the data folder says so. most_connections: at a time.
+    announce: hears `url` once the service listens and the data folder says so. last_resort: what bounds its shutdown.
+    most_connections: at a time.
     """
 
     def __init__(
-        self, service: Service, url: str, announce: Callable[[str], None], *, most_connections: int = 2000
+        self,
+        service: Service,
+        url: str,
+        announce: Callable[[str], None],
+        last_resort: LastResort,
+        *,
+        most_connections: int = 2000,
     ) -> None:
         limits = ConnectionLimits(connections=most_connections)
         config = uvicorn.Config(
@@ -228,6 +236,7 @@ class Server(uvicorn.Server):
         )
         super().__init__(config)
         self._service, self._url, self._announce = service, url, announce
+        self._last_resort = last_resort
         self._drain_until = -math.inf
 
     async def on_tick(self, counter: int) -> bool:
@@ -260,6 +269,7 @@ class Server(uvicorn.Server):
             self._announce(self._url)
 
     async def shutdown(self, sockets: list[socket.socket] | None = None) -> None:
-        """End long polls and live recordings, then the rest."""
-        self._service.changes.close()
+        """End jobs, streams, long polls and live recordings, all at once; then the rest."""
+        self._last_resort.begin()
+        self._service.begin_to_stop()
         await super().shutdown(sockets=sockets)
