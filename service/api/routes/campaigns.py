@@ -11,6 +11,7 @@ from benchmarks.paper.suites import suite_names
 from benchmarks.paper.table import insertions_csv, rows
 from service.admission.campaign_planner import CampaignRequest, estimated_time_s
 from service.api.context import Service, ServiceOf
+from service.api.json_bodies import JsonBodyRoute
 from service.api.openapi import documented
 from service.api.parameters import CampaignId, Cursor, SuiteName
 from service.api.schemas.campaigns import (
@@ -35,7 +36,7 @@ from service.campaigns.results import outcomes
 from service.campaigns.trends import trend
 from service.store.campaign import Campaign
 
-router = APIRouter(prefix="/api/v1", tags=["campaigns"])
+router = APIRouter(prefix="/api/v1", tags=["campaigns"], route_class=JsonBodyRoute)
 
 REPORT_HEADERS = {  # a page without scripts that loads nothing
     "Content-Security-Policy": "default-src 'none'; style-src 'unsafe-inline'; img-src data:; frame-ancestors 'self'",

@@ -13,6 +13,7 @@ from service.admission.cost import Cost, check_cost, time_limit_s
 from service.api.context import Service, ServiceOf, etag_matches
 from service.api.idempotency import IdempotencyKey, own_key
 from service.api.job_view_cache import EncodedJob
+from service.api.json_bodies import JsonBodyRoute
 from service.api.openapi import documented
 from service.api.parameters import Cursor, JobId
 from service.api.schemas.jobs import JobPage, JobRequest, JobSummary, JobView, Outcome, State
@@ -22,7 +23,7 @@ from simcore.file_names import names_mean
 from simcore.scenario.presets import preset
 from simcore.scenario.scenario import Scenario
 
-router = APIRouter(prefix="/api/v1/jobs", tags=["jobs"])
+router = APIRouter(prefix="/api/v1/jobs", tags=["jobs"], route_class=JsonBodyRoute)
 
 LONGEST_WAIT_S = 60.0
 _CHECK_S = 20.0  # how often a long poll checks that its client is still there
