@@ -61,7 +61,7 @@ class Service:
         uploads = Uploads(settings.uploads, store, settings.limits)
         engine, campaigns = Engine(settings, store, monitor, uploads), CampaignStore(store)
         schedules = ScheduleStore(store, campaigns)
-        planner = Planner(uploads.lookup, settings.limits)
+        planner = Planner(settings.uploads, settings.limits)
         keeper = Keeper(
             campaigns,
             schedules,

@@ -51,7 +51,7 @@ CODES: dict[str, tuple[int, str]] = {
     "headers-too-long": (431, "the headers are too long"),
     "internal": (500, "an error of the service; its log has the details"),
     "unavailable": (503, "not available now"),
-    "busy": (503, "too many connections or large requests at once"),
+    "busy": (503, "too many connections, large requests or checks of meshes at once"),
     "closing": (503, "the service is shutting down"),
     "not-ready": (503, "the service cannot run jobs; `checks` says why"),
     "database-unavailable": (503, "the database cannot be used now; nothing was changed"),

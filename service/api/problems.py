@@ -15,6 +15,7 @@ from starlette.responses import Response
 from starlette.routing import Match
 
 from service.access import ForbiddenError
+from service.admission.admission import AdmissionBusyError
 from service.api.json_bodies import faults_of
 from service.api.problem_codes import CODES, code_of
 from service.files.disk import REFUSALS
@@ -252,6 +253,10 @@ def _on_full(request: Request, error: Exception) -> Response:
     return _reply(request, 429, f"{error}; try again later", headers={"Retry-After": "10"}, code="queue-full")
 
 
+def _on_busy(request: Request, error: Exception) -> Response:
+    return _reply(request, 503, str(error), headers={"Retry-After": "10"}, code="busy")
+
+
 def _on_gone(request: Request, error: Exception) -> Response:
     assert isinstance(error, UploadGoneError)
     return _reply(request, 422, str(error), errors=error.problems, code="upload-gone")
@@ -289,6 +294,7 @@ _HANDLERS: dict[type[Exception], Handler] = {
     ScenarioError: _on_scenario,
     KeyReusedError: _on_key,
     QueueFullError: _on_full,
+    AdmissionBusyError: _on_busy,
     UploadGoneError: _on_gone,
     InputGoneError: _on_input_gone,
     OperationalError: database_refusal,
