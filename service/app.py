@@ -19,6 +19,7 @@ from service.api.middleware.key_guard import KeyGuard
 from service.api.middleware.request_log import RequestLog
 from service.api.ownership import check_owner
 from service.api.readiness import readings
+from service.api.root_path import RootPath
 from service.api.routes import campaigns, events, jobs, keys, models, operations, results, schedules, system, uploads
 from service.version import installed_version
 from service.web import assets, login, site, viewer
@@ -84,5 +85,8 @@ def _guard(app: FastAPI, service: Service) -> None:
     app.add_middleware(cast("Any", Compression))
     app.add_middleware(cast("Any", HeadAsGet))
     app.add_middleware(cast("Any", BodyLimit), maximum_bytes=limits.body_bytes, exceptions=uploads)
-    app.add_middleware(cast("Any", KeyGuard), keys=service.keys, rate_per_key=limits.rate_per_key)
-    app.add_middleware(cast("Any", HostGuard), loopback=settings.loopback)
+    app.add_middleware(
+        cast("Any", KeyGuard), keys=service.keys, rate_per_key=limits.rate_per_key, public=settings.public_host
+    )
+    app.add_middleware(cast("Any", HostGuard), loopback=settings.loopback, public=settings.public_host)
+    app.add_middleware(cast("Any", RootPath), root=settings.root_path)

@@ -57,7 +57,7 @@ class Service:
         store = Store(open_database(settings.database), limits=settings.limits)
         job_views = JobViewCache(store)
         store.listen(job_views.forget, changes.notify)  # in this order: whoever is woken reads the new state
-        keys = Keys(store, environment_key=settings.api_key, always=not settings.loopback)
+        keys = Keys(store, environment_key=settings.api_key, always=settings.exposed)
         uploads = Uploads(settings.uploads, store, settings.limits)
         engine, campaigns = Engine(settings, store, monitor, uploads), CampaignStore(store)
         schedules = ScheduleStore(store, campaigns)

@@ -26,8 +26,10 @@ class HostGuard:
     origin only as a link that somebody follows.
     """
 
-    def __init__(self, app: ASGIApp, *, loopback: bool) -> None:
+    def __init__(self, app: ASGIApp, *, loopback: bool, public: str | None = None) -> None:
+        """public: host and port that a proxy shows, which are the service's own too."""
         self._app = app
+        self._public = public
         self._loopback = loopback
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
@@ -53,7 +55,7 @@ class HostGuard:
 
     def _refusal(self, method: str, headers: Headers) -> tuple[str, str] | None:
         host = headers.get("host", "")
-        if self._loopback and not is_loopback(_host_name(f"//{host}")):
+        if self._loopback and host.lower() != self._public and not is_loopback(_host_name(f"//{host}")):
             return "host-foreign", f"the Host header {host[:100]!r} is not a name of this machine, such as localhost"
         site = headers.get("sec-fetch-site", "none")
         if method in SAFE_METHODS:
@@ -61,17 +63,17 @@ class HostGuard:
                 return "origin-foreign", "a page from another origin may not read this"
             return None
         origin = headers.get("origin")
-        if origin is not None and not same_origin(headers):
+        if origin is not None and not same_origin(headers, self._public):
             return "origin-foreign", f"a page from {origin[:100]!r} may not change anything here"
         if origin is None and site not in ("none", "same-origin"):
             return "origin-foreign", "a page from another origin may not change anything here"
         return None
 
 
-def same_origin(headers: Mapping[str, str]) -> bool:
-    """Whether the Origin header names the host and port that the request was sent to."""
+def same_origin(headers: Mapping[str, str], public: str | None = None) -> bool:
+    """Whether the Origin header names the host and port that the request was sent to, or those that a proxy shows."""
     origin = _host_and_port(headers.get("origin", ""))
-    return bool(origin) and origin == headers.get("host", "").lower()
+    return bool(origin) and origin in (headers.get("host", "").lower(), public)
 
 
 def _size_refusal(scope: Scope) -> tuple[str, str] | None:
