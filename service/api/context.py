@@ -56,10 +56,10 @@ class Service:
         changes, monitor = Changes(), Monitor()
         store = Store(open_database(settings.database), limits=settings.limits)
         job_views = JobViewCache(store)
-        store.listen(job_views.forget, changes.notify)  # in this order: whoever is woken reads the new state
         keys = Keys(store, environment_key=settings.api_key, always=settings.exposed)
         uploads = Uploads(settings.uploads, store, settings.limits)
         engine, campaigns = Engine(settings, store, monitor, uploads), CampaignStore(store)
+        store.listen(job_views.forget, engine.hear, changes.notify)  # in this order: who is woken reads the new state
         schedules = ScheduleStore(store, campaigns)
         planner = Planner(settings.uploads, settings.limits)
         keeper = Keeper(

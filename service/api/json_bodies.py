@@ -53,12 +53,14 @@ class _JsonRequest(Request):
 
 def _checked(body: bytes, field: Any) -> Any:
     try:
-        value = json.loads(body)
+        value = json.loads(body.decode("utf-8-sig"))
     except json.JSONDecodeError:
         raise
     except RecursionError:
         raise json.JSONDecodeError("it is nested too deep", "", 0) from None
-    except ValueError as error:  # bytes that are no text, an integer of thousands of digits
+    except UnicodeDecodeError:
+        raise json.JSONDecodeError("it must be UTF-8", "", 0) from None
+    except ValueError as error:  # an integer of thousands of digits
         raise json.JSONDecodeError(str(error)[:200], "", 0) from None
     checked, faults = field.validate(value, {}, loc=("body",))
     if not faults:

@@ -87,6 +87,11 @@ class Engine:
         with self._news:
             self._news.notify_all()
 
+    def hear(self, job_id: str) -> None:
+        """A job was changed: a slot that runs it asks whether it is to be cancelled. From any thread."""
+        for slot in list(self._slots):
+            slot.hear(job_id)
+
     @property
     def slots(self) -> int:
         """How many there are."""

@@ -65,6 +65,7 @@ class Protocol(HttpToolsProtocol):
         self._deadline: asyncio.TimerHandle | None = None  # for the headers or the body of a request
         self._stall: asyncio.TimerHandle | None = None
         self._body_bytes = 0  # since the last look
+        self._headers_known = False  # of the request at hand
         self.waiting_since = self.loop.time()
         self._peer: Peer | None = None
 
@@ -149,11 +150,18 @@ class Protocol(HttpToolsProtocol):
     def on_message_begin(self) -> None:
         """A request begins: its headers must come soon."""
         super().on_message_begin()
+        self._headers_known = False
         if self._deadline is None and not self.transport.is_closing():
             self._await(self._limits.header_s, self._no_request)
 
+    def on_header(self, name: bytes, value: bytes) -> None:
+        """One field of the header; those after the body are dropped, which nobody has looked at who guards it."""
+        if not self._headers_known:
+            super().on_header(name, value)
+
     def on_headers_complete(self) -> None:
         """The request is known; what is waited for now is its body."""
+        self._headers_known = True
         self._take_target()
         self.scope[PEER] = self._peer  # type: ignore[literal-required]
         self._body_bytes = 0

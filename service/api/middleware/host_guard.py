@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Mapping
 from urllib.parse import urlsplit
 
@@ -15,6 +16,8 @@ from service.settings import is_loopback
 
 MAXIMUM_HEADER_BYTES = 16_000  # below what the HTTP server itself takes, which refuses without a problem+json
 MAXIMUM_URL_BYTES = 8_000
+_HOST = re.compile(rb"(?:[A-Za-z0-9._~-]+|\[[0-9A-Fa-f:.]+\])(?::([0-9]{0,5}))?")
+_LAST_PORT = 65_535
 _HEADERS = {"X-Content-Type-Options": "nosniff", "Cross-Origin-Resource-Policy": "same-origin"}
 
 
@@ -86,10 +89,18 @@ def _size_refusal(scope: Scope) -> tuple[str, str] | None:
 
 def _host_refusal(scope: Scope) -> tuple[str, str] | None:
     """One Host header, as HTTP asks for (RFC 9112, 3.2): with two, each program on the way may believe another."""
-    hosts = sum(name == b"host" for name, _ in scope["headers"])
-    if hosts > 1 or (hosts == 0 and scope["http_version"] != "1.0"):
-        return "bad-host", f"the request has {hosts} Host headers, it must have one"
+    hosts = [value for name, value in scope["headers"] if name == b"host"]
+    if len(hosts) > 1 or (not hosts and scope["http_version"] != "1.0"):
+        return "bad-host", f"the request has {len(hosts)} Host headers, it must have one"
+    if hosts and hosts[0] and not _is_host(hosts[0]):
+        return "bad-host", "the Host header is not a name or an address, with a port at most"
     return None
+
+
+def _is_host(value: bytes) -> bool:
+    """Whether it is host and port as in an address, without a user."""
+    found = _HOST.fullmatch(value)
+    return found is not None and int(found[1] or 0) <= _LAST_PORT
 
 
 def _host_name(url: str) -> str:
