@@ -206,3 +206,32 @@ def test_a_damaged_file_is_a_problem_and_never_served_under_its_digest(both: Bot
     for path in paths:
         answer = http.get(path)
         assert (answer.status_code, answer.json()["code"]) == (404, "file-missing")
+
+
+@pytest.mark.parametrize("asked", ["bytes=+1-+3", "bytes=1_0-2_0", "bytes =0-3", "bytes=0x1-0x2", "bytes=\xb2-\xb3"])
+def test_a_range_whose_numbers_are_none_of_http_is_refused(both: Both, asked: str) -> None:
+    http, service = both
+    http.post(JOBS, json={"scenario": "line"})
+    job = finish(service)
+    answer = http.get(f"/recordings/{job.id}.rrd", headers={"Range": asked.encode("latin-1")})  # type: ignore[dict-item]
+    assert (answer.status_code, answer.json()["code"]) == (400, "bad-request")
+
+
+@pytest.mark.parametrize(
+    "host", ["user@127.0.0.1", "127.0.0.1:99999", "127.0.0.1:8a", "127.0.0.1/x", "[::1", "a b", "localhost:1:2"]
+)
+def test_a_host_that_is_none_is_refused(http: TestClient, host: str) -> None:
+    answer = http.get("/healthz", headers={"Host": host})
+    assert (answer.status_code, answer.json()["code"]) == (400, "bad-host")
+
+
+def test_a_transfer_coding_other_than_chunked_is_not_implemented(http: TestClient) -> None:
+    answer = http.post(JOBS, content=b"{}", headers={"Transfer-Encoding": "gzip, chunked"})
+    assert (answer.status_code, answer.json()["code"]) == (501, "transfer-coding")
+
+
+@pytest.mark.parametrize("coding", ["utf-16", "utf-32", "utf-16-le"])
+def test_json_is_utf_8(http: TestClient, coding: str) -> None:
+    body = '{"scenario": "demo"}'.encode(coding)
+    answer = http.post(JOBS, content=body, headers={"Content-Type": "application/json"})
+    assert (answer.status_code, answer.json()["code"]) == (400, "json-invalid")

@@ -16,7 +16,6 @@ from service.store.database import open_database
 from service.store.jobs import Store
 from service.store.schedule import GRACE_S, MOST_TICKS, next_tick, ticks, to_fire
 from service.store.schedules import ScheduleStore
-from service.store.uploads import Uploads
 from simcore.errors import ScenarioError
 from tests.service.databases import lay_down
 from tests.service.http import idle_service
@@ -59,7 +58,7 @@ class Rig:
         self.campaigns = CampaignStore(self.store)
         self.schedules = ScheduleStore(self.store, self.campaigns)
         limits = Limits()
-        self.planner = Planner(Uploads(self.path.parent / "uploads", self.store, limits).lookup, limits)
+        self.planner = Planner(self.path.parent / "uploads", limits)
 
     def reopen(self) -> None:
         self.store.close()

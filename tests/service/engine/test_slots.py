@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import logging
+import re
 import threading
 from contextlib import contextmanager
 from typing import TYPE_CHECKING, Any
 
 import pytest
 
+from service.engine import slot as slots
 from service.engine import watchdog
 from service.engine.slot import Slot
 from tests.acceptance.server import FAKE, until
@@ -42,7 +44,7 @@ def quick_looks(monkeypatch: pytest.MonkeyPatch) -> None:
 
 def submit(service: Service) -> Job:
     spec = {"scenario": {"name": "quick"}}
-    job = service.store.submit(name="a", spec=spec, spec_hash="x", steps=2, priority=0, timeout_s=60)
+    job = service.store.submit(name="a", spec=spec, spec_hash="x", steps=2, priority=0, timeout_s=600)
     service.engine.wake()
     return job
 
@@ -80,7 +82,8 @@ def test_whatever_reaches_its_thread_is_logged_and_the_slot_goes_on(
         monkeypatch.setattr(service.store, "claim", once(raises(error), claim))
         with caplog.at_level(logging.ERROR):
             assert ended(service, submit(service)).state == "finished"
-        assert f"slot-0 pauses for 1 s: {type(error).__name__}" in caplog.text
+        # two seconds and more after a worker that did not start, as on a machine with much else to do
+        assert re.search(rf"slot-0 pauses for \d+ s: {type(error).__name__}", caplog.text)
         assert (service.engine.alive, service.engine.ended_threads) == (1, [])
 
 
@@ -183,3 +186,21 @@ def test_a_running_job_keeps_its_heartbeat_in_the_store(tmp_path: Path) -> None:
         service.store.beat(job)
         assert "needlebench_heartbeat_age_seconds 0.0" in http.get("/metrics").text
         assert service.store.get(job.id).version == job.version
+
+
+def test_a_slot_asks_whether_its_job_is_cancelled_when_somebody_changed_it(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(slots, "_ASK_EVERY", 10**9)
+    with running_engine(tmp_path) as (_, service):
+        spec = {"scenario": {"name": "long"}}
+        job = service.store.submit(name="a", spec=spec, spec_hash="x", steps=2, priority=0, timeout_s=600)
+        until(lambda: service.store.get(job.id).progress is not None)
+        asked: list[str] = []
+        ask = service.store.cancel_requested
+        monkeypatch.setattr(service.store, "cancel_requested", lambda job_id: asked.append(job_id) or ask(job_id))
+        before = service.store.get(job.id).version
+        until(lambda: service.store.get(job.id).version > before + 2)
+        assert asked == []  # its own progress is no news to it
+        service.store.cancel(job.id)
+        assert ended(service, job).state == "cancelled"

@@ -186,3 +186,14 @@ def test_what_is_no_address_is_400(target: str) -> None:
             assert await status_of(reader) == 400
 
     checked(scenario())
+
+
+def test_fields_after_a_body_are_dropped() -> None:
+    async def scenario() -> None:
+        head = b"POST / HTTP/1.1\r\nHost: localhost\r\nConnection: close\r\nTransfer-Encoding: chunked\r\n\r\n"
+        async with listening() as (port, _):
+            reader, _ = await connected(port, head + b"1\r\nx\r\n0\r\nHost: evil.example\r\n\r\n")
+            answer = await reader.read()
+            assert b'"hosts": ["localhost"]' in answer
+
+    checked(scenario())

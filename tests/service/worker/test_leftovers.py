@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import resource
 import sys
 from typing import TYPE_CHECKING
 
@@ -71,6 +72,36 @@ def test_what_a_plug_in_leaves_in_its_process_is_reported(
 ) -> None:
     assert run(worker, tmp_path, name, plugin=True).leftovers == (left,)
     assert left in (tmp_path / "1" / LOG).read_text()
+
+
+@pytest.mark.parametrize(
+    ("name", "left"),
+    [
+        ("folder", "another folder"),
+        ("environment", "another environment"),
+        ("signals", "another signal handler"),
+        ("output", "another stream or hook"),
+        ("mask", "another file mode mask"),
+        ("alarm", "another alarm"),
+        ("limit", "another limit"),
+        ("modules", "another path of modules"),
+    ],
+)
+def test_what_a_plug_in_changed_for_its_whole_process_is_reported(
+    worker: WorkerProcess, tmp_path: Path, name: str, left: str
+) -> None:
+    if name == "limit" and resource.getrlimit(resource.RLIMIT_CORE) == (0, 0):
+        pytest.skip("the limit is what the job would make it")
+    report = run(worker, tmp_path, name, plugin=True)
+    assert (report.error, report.leftovers) == (None, (left,))
+
+
+def test_a_plug_in_that_closes_its_output_or_raises_what_cannot_be_shown_just_ends(
+    worker: WorkerProcess, tmp_path: Path
+) -> None:
+    assert run(worker, tmp_path / "a", "closes", plugin=True).error is None
+    report = run(worker, tmp_path / "b", "hostile", plugin=True)
+    assert (report.error_kind, (report.error or "").partition(":")[0]) == ("exception", "ValueError")
 
 
 @pytest.mark.slow
