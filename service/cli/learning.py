@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import importlib.util
 import shutil
 import sys
 import tempfile
@@ -25,7 +26,7 @@ if TYPE_CHECKING:
 
 FILE = click.Path(dir_okay=False, path_type=Path)
 EXAMPLES = {"controller": "controller.txt", "remote": "remote.txt", "remote-cpp": "remote_cpp.txt", "mesh": "mesh.msh"}
-SCHEMA = "remote-schema"
+SCHEMA, LOOKS_AHEAD = "remote-schema", "mpc"
 
 
 def free_to_write(path: Path, *, force: bool) -> None:
@@ -224,13 +225,14 @@ def layers_of(text: str) -> list[int]:
 
 
 @click.command()
-@click.argument("name", type=click.Choice([*EXAMPLES, SCHEMA]))
+@click.argument("name", type=click.Choice([*EXAMPLES, LOOKS_AHEAD, SCHEMA]))
 def example(name: str) -> None:
     """Print an example that works as it is, as a starting point.
 
     \b
     A controller of your own: needlebench example controller > mine.py
                               python mine.py
+    One that looks ahead:     needlebench example mpc > mine.py
     In another process:       needlebench example remote > mine.py
     In another language:      needlebench example remote-cpp > mine.cpp
     What they say, as schema: needlebench example remote-schema
@@ -243,5 +245,11 @@ def example(name: str) -> None:
         from simcore.remote.messages import schema_text
 
         click.echo(schema_text(), nl=False)
+        return
+    if name == LOOKS_AHEAD:
+        spec = importlib.util.find_spec("needlebench.mpc")  # read, not run: it would import the simulator
+        assert spec is not None
+        assert spec.origin is not None
+        click.echo(Path(spec.origin).read_text(encoding="utf-8"), nl=False)
         return
     click.echo((Path(__file__).parent / "examples" / EXAMPLES[name]).read_text(encoding="utf-8"), nl=False)

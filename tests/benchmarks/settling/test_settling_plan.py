@@ -20,7 +20,7 @@ from simcore.scenario.scenario import Scenario
 
 FULL = SettlingPlan(SCALES["full"])
 # Of scale, ids, labels, scenarios, the data sets' defaults included: may change only before the experiment is run, or
-# where a new block leaves every insertion as it was (`sensing`, whose defaults hide nothing, came after tag settling-1).
+# where a new block leaves every insertion as it was (`sensing`, whose defaults hide nothing, came after settling-1).
 FULL_SHA256 = "ae27cc07f1f144ab1af1e5b5a12f3c1b567907304cc83af39d19b48ca0e27e5c"
 
 
