@@ -24,7 +24,8 @@ if TYPE_CHECKING:
     from simcore.rollout.dataset import Dataset
 
 FILE = click.Path(dir_okay=False, path_type=Path)
-EXAMPLES = {"controller": "controller.txt", "mesh": "mesh.msh"}
+EXAMPLES = {"controller": "controller.txt", "remote": "remote.txt", "remote-cpp": "remote_cpp.txt", "mesh": "mesh.msh"}
+SCHEMA = "remote-schema"
 
 
 def free_to_write(path: Path, *, force: bool) -> None:
@@ -223,16 +224,24 @@ def layers_of(text: str) -> list[int]:
 
 
 @click.command()
-@click.argument("name", type=click.Choice(list(EXAMPLES)))
+@click.argument("name", type=click.Choice([*EXAMPLES, SCHEMA]))
 def example(name: str) -> None:
     """Print an example that works as it is, as a starting point.
 
     \b
     A controller of your own: needlebench example controller > mine.py
                               python mine.py
+    In another process:       needlebench example remote > mine.py
+    In another language:      needlebench example remote-cpp > mine.cpp
+    What they say, as schema: needlebench example remote-schema
     A mesh of your own:       needlebench example mesh > barrel.msh
 
     The mesh is a barrel with a domed top, in millimetres, with the groups top, side, base and tissue. The needle
     enters at the top, the origin, and goes down along +z.
     """
+    if name == SCHEMA:
+        from simcore.remote.messages import schema_text
+
+        click.echo(schema_text(), nl=False)
+        return
     click.echo((Path(__file__).parent / "examples" / EXAMPLES[name]).read_text(encoding="utf-8"), nl=False)

@@ -38,13 +38,14 @@ class ProgressFile:
         self._written_step = -1
         self._current_target_m: NDArray[np.float64] | None = None  # (3,) world, of the latest step
         self._next_target_m: NDArray[np.float64] | None = None  # (3,) world, of the step to come
-        self._line_m: NDArray[np.float64] | None = None  # (p, 3) world; where the tissue carries the path, None
+        self._line_m: NDArray[np.float64] | None = None  # (p, 3) world; None: carried by the tissue, or no path
         self._started = self._written = clock()
 
     def begin(self, scene: Scene, first: StepRecord) -> None:
         """Write the first progress."""
         self._steps = scene.steps
-        self._line_m = scene.path_m if scene.scenario.trajectory.frame == "world" else None
+        trajectory = scene.scenario.trajectory
+        self._line_m = scene.path_m if trajectory.frame == "world" and trajectory.kind != "reach" else None
         self._started = self._clock()
         self._next_target_m = first.target_m.copy()
         self._take(first)

@@ -25,6 +25,7 @@ Outcome = Literal[
     "buckled",
     "authority_lost",
     "shaft_beside",
+    "controller_failed",
 ]
 
 ScenarioInput = Annotated[

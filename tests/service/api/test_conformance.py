@@ -65,6 +65,7 @@ def test_a_code_and_a_status_that_disagree_are_refused() -> None:
         code_of(503, "queue-full")
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("method", "path", "code"),
     [
@@ -101,6 +102,7 @@ def test_a_compressed_body_is_415(http: TestClient, path: str) -> None:
     assert answer.headers["accept-encoding"] == "identity"
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["a\r\nb", "a\x00b", "a\u202eb", "a\u2066b", "\u200f"])
 def test_a_name_holds_no_line_ends_and_no_marks_of_direction(http: TestClient, name: str) -> None:
     campaign = {"name": name, "grid": {"seed": [0]}}
@@ -132,6 +134,7 @@ def test_lists_are_not_kept_by_caches(http: TestClient) -> None:
         assert http.get(path).headers["cache-control"] == "no-store"
 
 
+@pytest.mark.slow
 def test_text_is_compressed_for_those_who_take_it(both: Both) -> None:
     http, service = both
     job, *_ = [http.post(JOBS, json={"scenario": "line"}).json() for _ in range(3)]
@@ -161,6 +164,7 @@ def test_an_accept_encoding_is_read_as_it_is_meant(header: str, taken: bool) -> 
     assert accepts_gzip(header) is taken
 
 
+@pytest.mark.slow
 def test_who_has_a_file_already_gets_304(both: Both) -> None:
     http, service = both
     job = http.post(JOBS, json={"scenario": "line"}).json()
@@ -182,6 +186,7 @@ def test_a_range_in_an_unknown_unit_is_ignored(both: Both) -> None:
     assert http.get(f"/recordings/{job['id']}.rrd", headers={"Range": "bytes=1-2"}).content == b"12"
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("damage", ["cut", "changed"])
 def test_a_damaged_file_is_a_problem_and_never_served_under_its_digest(both: Both, damage: str) -> None:
     http, service = both

@@ -99,10 +99,12 @@ def operations(document: dict[str, Any]) -> dict[str, tuple[str, dict[str, Any]]
     }
 
 
+@pytest.mark.slow
 def test_operation_ids_are_frozen(document: dict[str, Any]) -> None:
     assert {name: where for name, (where, _) in operations(document).items()} == OPERATIONS
 
 
+@pytest.mark.slow
 def test_every_operation_says_what_it_does_and_every_error_is_a_problem(document: dict[str, Any]) -> None:
     for name, (_, operation) in operations(document).items():
         assert operation["summary"], name
@@ -112,6 +114,7 @@ def test_every_operation_says_what_it_does_and_every_error_is_a_problem(document
                 assert list(answer["content"]) == ["application/problem+json"], (name, status)
 
 
+@pytest.mark.slow
 def test_every_reference_leads_somewhere_and_the_request_has_examples(document: dict[str, Any]) -> None:
     text = json.dumps(document)
     schemas = document["components"]["schemas"]
@@ -132,6 +135,7 @@ def model_of(name: str) -> type[BaseModel]:
     return found
 
 
+@pytest.mark.slow
 def test_every_body_has_examples_and_every_example_is_one(document: dict[str, Any]) -> None:
     components = document["components"]["schemas"]
     for name, (_, operation) in operations(document).items():
@@ -146,6 +150,7 @@ def test_every_body_has_examples_and_every_example_is_one(document: dict[str, An
         assert set(example) == set(components[name]["properties"]), name
 
 
+@pytest.mark.slow
 def test_every_operation_names_its_scope(document: dict[str, Any]) -> None:
     for name, (where, operation) in operations(document).items():
         scopes = {scope for option in operation["security"] for found in option.values() for scope in found}
@@ -162,6 +167,7 @@ def test_every_operation_names_its_scope(document: dict[str, Any]) -> None:
     assert set(document["components"]["securitySchemes"]) == {"key", "login"}
 
 
+@pytest.mark.slow
 def test_every_operation_tells_its_refusals(document: dict[str, Any]) -> None:
     for name, (where, operation) in operations(document).items():
         if "/api/" in where:

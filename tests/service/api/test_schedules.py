@@ -118,6 +118,7 @@ def test_a_line_or_zone_that_is_wrong_is_named(cron: str, zone: str, field: str)
     assert [problem.field for problem in refused.value.problems] == [field]
 
 
+@pytest.mark.slow
 @given(st.integers(1, 59), st.floats(0, 1e5))
 def test_ticks_are_in_order_and_end_with_one_to_come(minutes: int, gap_s: float) -> None:
     line, start = f"*/{minutes} * * * *", at("2026-03-01T00:00")
@@ -245,6 +246,7 @@ def test_the_life_of_a_schedule(http: tuple[TestClient, Service]) -> None:
     assert client.get(url).status_code == 404
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("change", "words"),
     [

@@ -72,6 +72,7 @@ def raises(error: BaseException) -> Callable[..., Any]:
     return function
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("error", [SystemExit(3), KeyboardInterrupt(), GeneratorExit(), ValueError("\ud800")])
 def test_whatever_reaches_its_thread_is_logged_and_the_slot_goes_on(
     tmp_path: Path, error: BaseException, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
@@ -86,6 +87,7 @@ def test_whatever_reaches_its_thread_is_logged_and_the_slot_goes_on(
         assert (service.engine.alive, service.engine.ended_threads) == (1, [])
 
 
+@pytest.mark.slow
 def test_a_job_whose_end_the_store_cannot_take_has_failed_and_the_slot_goes_on(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -102,6 +104,7 @@ def takes_a_job_and_ends(slot: Any) -> None:
     until(lambda: slot._ends or slot._store.claim() is not None)
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("quick_looks")
 def test_a_slot_whose_thread_is_gone_is_replaced_and_its_job_runs_again(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
@@ -116,6 +119,7 @@ def test_a_slot_whose_thread_is_gone_is_replaced_and_its_job_runs_again(
         assert service.engine.alive == 1
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("quick_looks")
 def test_a_job_that_costs_every_slot_its_thread_is_given_up(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(Slot, "run", takes_a_job_and_ends)
@@ -125,6 +129,7 @@ def test_a_job_that_costs_every_slot_its_thread_is_given_up(tmp_path: Path, monk
         assert failed.error == "gave up after 3 attempts; the last one ended so: the slot that ran it was lost"
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("quick_looks")
 def test_a_slot_that_does_not_get_on_is_told_and_replaced_and_its_job_runs_again(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
@@ -150,6 +155,7 @@ def test_a_slot_that_does_not_get_on_is_told_and_replaced_and_its_job_runs_again
         goes_on.set()
 
 
+@pytest.mark.slow
 def test_readiness_and_metrics_see_a_thread_that_is_gone(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(watchdog, "LOOK_S", 60.0)
     with running_engine(tmp_path) as (http, service):

@@ -212,6 +212,7 @@ def unused_points(count: int) -> bytes:
     return f"{head}{piece}{array}".encode() + data + b"</DataArray></Points></Piece></UnstructuredGrid></VTKFile>"
 
 
+@pytest.mark.slow
 def test_millions_of_unused_points_are_refused_before_they_are_unpacked(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("zlib.decompressobj", lambda: pytest.fail("was unpacked"))
     assert "announces 20000000 points" in refusal(unused_points(20_000_000), ".vtu")
@@ -222,6 +223,7 @@ def test_an_array_is_not_unpacked_beyond_what_it_announces() -> None:
     assert "holds more than is announced" in refusal(data, ".vtu")
 
 
+@pytest.mark.slow
 def test_reading_ends_at_its_limits(monkeypatch: pytest.MonkeyPatch) -> None:
     """A reader without end, and one that takes all memory: the process is ended, the sentence says so."""
     monkeypatch.setattr(reading_process, "TIME_S", 1)
@@ -231,6 +233,7 @@ def test_reading_ends_at_its_limits(monkeypatch: pytest.MonkeyPatch) -> None:
         read_apart(b"", ".inp", (), 1.0)
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(sys.platform == "win32", reason="Windows has no limit on the memory of a process")
 def test_reading_has_little_memory(monkeypatch: pytest.MonkeyPatch) -> None:
     greedy = (
@@ -242,6 +245,7 @@ def test_reading_has_little_memory(monkeypatch: pytest.MonkeyPatch) -> None:
         read_apart(b"", ".inp", (), 1.0)
 
 
+@pytest.mark.slow
 def test_the_command_line_reads_in_a_process_of_its_own(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("simcore.mesh.reading.read_body", lambda *a: pytest.fail("was read in this process"))
     mesh = load_mesh(str(FILES / "nset_union.inp"), unit_mm=1.0, names=("Fixed",), sha256=None)
@@ -267,6 +271,7 @@ def mutants(data: bytes, count: int, seed: int) -> Iterator[bytes]:
         )
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["nset_names.inp", "box_groups_saveall.msh", "sphere_v1.0_asc.msh", "tangled.vtu"])
 def test_a_changed_file_is_a_mesh_or_one_sentence(name: str) -> None:
     """Bytes changed, doubled and cut off: never another exception than the one with the sentence."""
