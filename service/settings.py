@@ -22,11 +22,9 @@ from simcore.errors import Problem
 DEFAULT_HOST = "127.0.0.1"
 DEFAULT_PORT = 8321
 MAXIMUM_WORKERS = 2
-_OWN_PATHS = frozenset(
-    [
-        *("api", "campaigns", "compare", "healthz", "jobs", "login", "logout", "metrics", "models", "openapi.json"),
-        *("readyz", "recordings", "schedules", "static", "submit", "trends", "version", "viewer"),
-    ]
+_OWN_PATHS = (
+    "api campaigns compare healthz jobs login logout metrics models openapi.json readyz recordings schedules static "
+    "submit trends version viewer"
 )
 RUNNER = "service.worker.attempt:run_job"
 
@@ -192,8 +190,7 @@ class Settings(Section):
         None,
         "NEEDLEBENCH_PUBLIC_URL",
         "address under which a proxy shows the service, as https://lab.example/needles; it then needs a key",
-        rule="must be http:// or https://, a host, and a path of letters, digits and . _ ~ -, as in "
-        "https://lab.example/needles",
+        rule="must be http or https, a host and perhaps a plain path, as in https://lab.example/needles",
         pattern=r"^https?://[A-Za-z0-9.-]+(:[0-9]{1,5})?(/[A-Za-z0-9_~-][A-Za-z0-9._~-]*)*/?$",
     )
     drain_s: float = Field(0.0, ge=0, le=86400, json_schema_extra={"label": "--drain", "rule": "must be 0 to 86400 s"})
@@ -203,9 +200,8 @@ class Settings(Section):
     @field_validator("public_url")
     @classmethod
     def _no_own_path(cls, value: str | None) -> str | None:
-        first = [] if value is None else urlsplit(value).path.split("/")[1:2]
-        if first and first[0] in _OWN_PATHS:
-            raise ValueError(f"must not begin its path with /{first[0]}, which is the service's own")
+        if (first := urlsplit(value or "").path.partition("/")[2].partition("/")[0]) in _OWN_PATHS.split():
+            raise ValueError(f"must not begin its path with /{first}, which is the service's own")
         return value
 
     @property

@@ -138,10 +138,7 @@ def _json(value: Any) -> str:
 
 
 def _title(status: int) -> str:
-    try:
-        return http.HTTPStatus(status).phrase
-    except ValueError:
-        return "Error"
+    return http.HTTPStatus(status).phrase if status in {one.value for one in http.HTTPStatus} else "Error"
 
 
 def install(app: FastAPI, *, page: Callable[[Request, int, str, str], Response] | None = None) -> None:

@@ -53,13 +53,7 @@ class Slot(threading.Thread):
     that it runs, `trace` the way of that so far. `beats` goes up as long as the thread gets on, whatever it does."""
 
     def __init__(
-        self,
-        settings: Settings,
-        store: Store,
-        signals: Signals,
-        monitor: Monitor,
-        uploads: Uploads,
-        number: int,
+        self, settings: Settings, store: Store, signals: Signals, monitor: Monitor, uploads: Uploads, number: int
     ) -> None:
         super().__init__(name=f"slot-{number}", daemon=True)
         self._settings = settings

@@ -151,6 +151,15 @@ ABAQUS = [
     ("*INSTANCE, NAME=A\n*END INSTANCE\n*INSTANCE, NAME=B\n", "line 3: holds a second instance"),
     ("*INSTANCE, NAME=A\n0, 0, 1\n0, 0, 0, 1, 0, 0, 90\n*END INSTANCE\n", "line 3: the instance is turned"),
     ("1, 2, 3\n", "line 1: the file must begin with a keyword"),
+    ("*NODE\n\u0661, 0, 0, 0\n", "line 2: '\u0661' is not a number of *NODE"),
+    ("*NODE\n1, 1_0, 0, 0\n", "line 2: '1_0, 0, 0' are not coordinates"),
+    ("*NODE\n1, nan, 0, inf\n", "line 2: 'nan, 0, inf' are not coordinates"),
+    ("*NODE\n1, 0, 0, 0\n*INCL, INPUT=/etc/passwd\n", "line 3: *INCL is no keyword: spell it out"),
+    ("*NODE\n1, 0, 0, 0\n*NSE, NSET=A\n1\n", "line 3: *NSE is no keyword: spell it out"),
+    ("*NODE\n1, 0, 0, 0\n* include,\n INPUT = /etc/passwd\n", "*INCLUDE takes its data from another file"),
+    ("*NODE\n1, 0, 0, 0\n*NSET, NSET=A\nA\n", "line 4: 'A' is neither a number nor a set"),
+    ("*NODE\n1, 0, 0, 0\n" + "".join(f"*NSET, NSET=A{i}\n1\n" for i in range(1001)), "at most 1000 sets"),
+    (f"*NODE\n1, 0, 0, 0\n*NSET, NSET={'A' * 201}\n1\n", "names of at most 200 characters"),
 ]
 
 
