@@ -33,6 +33,7 @@ for _name in THREAD_VARIABLES:
 if TYPE_CHECKING:
     from service.client.client import Client
     from simcore.controllers import Controller
+    from simcore.controllers.remote_centre import pose_through
     from simcore.episode import CommandError, Episode, Observation, Snapshot
     from simcore.insertion.insertion import rotation_towards
     from simcore.insertion.state import Pose
@@ -52,6 +53,7 @@ __all__ = [
     "Scenario",
     "Snapshot",
     "__version__",
+    "pose_through",
     "read_waypoints",
     "register_controller",
     "rotation_towards",
@@ -68,6 +70,7 @@ _HOMES = {
     "Scenario": "simcore.scenario.scenario",
     "Snapshot": "simcore.episode",
     "read_waypoints": "simcore.scenario.waypoint_file",
+    "pose_through": "simcore.controllers.remote_centre",
     "register_controller": "simcore.plugins",
     "rotation_towards": "simcore.insertion.insertion",
     "run": "simcore.rollout.rollout",

@@ -77,9 +77,14 @@ STATUSES = {
     "target was lost, or the base came beside the tissue",
     Status.SHAFT_BESIDE: "the base or the free shaft came beside the tissue or into it, more than 1 mm deeper than "
     "where the shaft enters: contact is modelled at the channel alone",
-    Status.CONTROLLER_FAILED: "the controller raised, or its command was no finite pose within 10 m of the base; the "
-    "message names controller, step and value",
+    Status.CONTROLLER_FAILED: "the controller raised, a remote one did not answer in time, or a command was no finite "
+    "pose within 10 m of the base; the message names controller, step and value",
 }
+
+
+class ControllerError(NeedlebenchError):
+    """A controller that cannot be asked, or that answers with something else than a pose: the run ends as
+    `controller_failed`."""
 
 
 class ModelFailureError(NeedlebenchError):

@@ -9,7 +9,7 @@ from importlib.metadata import EntryPoint, entry_points
 from pathlib import Path
 from typing import Any
 
-from simcore.errors import NeedlebenchError
+from simcore.errors import ControllerError
 
 GROUP = "needlebench.controllers"
 Factory = Callable[..., Any]  # (scenario, entry_m, needle_length_m, settings) -> controller
@@ -19,7 +19,7 @@ _registered: dict[str, Factory] = {}
 _first: dict[str, Edition] = {}  # of each entry point, as this process saw it first
 
 
-class PluginError(NeedlebenchError):
+class PluginError(ControllerError):
     """A controller of another package that cannot be loaded, or that answers with something else than a pose."""
 
 

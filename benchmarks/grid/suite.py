@@ -5,6 +5,7 @@ from __future__ import annotations
 import itertools
 import json
 import math
+from collections import Counter
 from typing import TYPE_CHECKING, Any
 
 from benchmarks.cases import Case, Label, Suite
@@ -16,6 +17,7 @@ if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
 
 MAXIMUM_CASES = 20_000
+MAXIMUM_AXES = 50
 
 
 def grid(base: Mapping[str, Any], axes: Mapping[str, Sequence[Any]], *, name: str = "grid") -> Suite:
@@ -37,14 +39,16 @@ def grid(base: Mapping[str, Any], axes: Mapping[str, Sequence[Any]], *, name: st
 
 
 def _faults(axes: Mapping[str, Sequence[Any]]) -> list[Problem]:
+    if len(axes) > MAXIMUM_AXES:
+        return [Problem("grid", len(axes), f"has too many fields, at most {MAXIMUM_AXES} are allowed")]
     problems = [Problem(f"grid.{path}", [], "must have at least one value") for path, v in axes.items() if not len(v)]
-    for path, values in axes.items():
-        seen = [json.dumps(value, sort_keys=True) for value in values]
-        if doubled := sorted({text for text in seen if seen.count(text) > 1}):
-            problems.append(Problem(f"grid.{path}", doubled[0], "is given twice: give each value once"))
     count = math.prod(len(values) for values in axes.values())
     if count > MAXIMUM_CASES:
         problems.append(Problem("grid", count, f"gives too many insertions, at most {MAXIMUM_CASES} are allowed"))
+    for path, values in axes.items():
+        seen = Counter(json.dumps(value, sort_keys=True) for value in values)
+        if doubled := min((text for text, times in seen.items() if times > 1), default=None):
+            problems.append(Problem(f"grid.{path}", doubled, "is given twice: give each value once"))
     return problems
 
 

@@ -64,7 +64,15 @@ def scenario(name: str | None, fields: bool) -> None:
     help="Follow the smooth curve from the entry through the points of a .csv file: x_mm, y_mm, z_mm, one row a point.",
 )
 @click.option("--force", is_flag=True, help="Replace the result that the folder holds.")
-def run(source: str, folder: Path, changes: tuple[str, ...], waypoints: Path | None, force: bool) -> None:
+@click.option(
+    "--controller-command",
+    "command",
+    metavar="COMMAND",
+    help="For controller.kind = remote: start this beside the run; {address} in it is where the run waits.",
+)
+def run(
+    source: str, folder: Path, changes: tuple[str, ...], waypoints: Path | None, force: bool, command: str | None
+) -> None:
     """Run one insertion in this process and write its result.
 
     SCENARIO is a JSON file, the name of a built-in scenario, or - for JSON on standard input. Fields that it leaves
@@ -81,11 +89,18 @@ def run(source: str, folder: Path, changes: tuple[str, ...], waypoints: Path | N
     Setting a kind replaces its block by the defaults of that kind: set the kind first, then its fields.
 
     \b
+    A controller in another program, any language (see `needlebench example remote`):
+      needlebench run demo --out results/mine --set controller.kind=remote \\
+        --controller-command "python mine.py {address}"
+    Without --controller-command the run waits for it: start it yourself.
+
+    \b
     Exit code: 0 completed and successful
                3 completed without success, or not converged: see status in result.json
                2 bad scenario or folder, 1 crash, 130 Ctrl-C: nothing is written
     """
     from service.cli.result_table import print_report
+    from service.local.remote import controller_beside
     from service.local.run import output_folder, run_into
     from simcore.scenario.presets import with_changes
     from simcore.scenario.scenario import Scenario
@@ -96,7 +111,7 @@ def run(source: str, folder: Path, changes: tuple[str, ...], waypoints: Path | N
     told = chosen.warnings()
     for warning in told:
         click.echo(f"needlebench: warning: {warning}", err=True)
-    with output_folder(folder, replace=force) as partial:
+    with output_folder(folder, replace=force) as partial, controller_beside(chosen, command):
         result, incomplete = run_into(partial, chosen, recording_id=uuid.uuid4().hex)
     found = [warning for warning in result["warnings"] if warning not in told]
     for warning in [*found, incomplete] if incomplete else found:

@@ -91,6 +91,26 @@ class ProgressFile:
         return None if self._line_m is None else round(polyline_distance_m(record.tip_m, self._line_m) * 1e3, 6)
 
 
+class ProgressReader:
+    """The last progress in `folder`, which is read when the file is another one than before: it is asked for often."""
+
+    def __init__(self, folder: Path) -> None:
+        self._folder, self._path = folder, folder / NAME
+        self._seen: tuple[int, int, int] | None = None
+        self._latest: dict[str, Any] | None = None
+
+    def latest(self) -> dict[str, Any] | None:
+        """As `read`."""
+        try:
+            found = self._path.stat()
+        except OSError:
+            return None
+        seen = (found.st_ino, found.st_mtime_ns, found.st_size)
+        if seen != self._seen:
+            self._seen, self._latest = seen, read(self._folder)
+        return self._latest
+
+
 def read(folder: Path) -> dict[str, Any] | None:
     """The last progress in `folder`; None if there is none, or one that cannot be stored: too long, or with NaN."""
     try:

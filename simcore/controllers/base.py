@@ -6,6 +6,8 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Protocol, TypeVar
 
+import numpy as np
+
 from simcore.episode.observation import Observation
 from simcore.insertion.jacobian_fast import Linearisation
 
@@ -15,6 +17,7 @@ if TYPE_CHECKING:
     from simcore.scenario.scenario import Scenario
 
 Settings = TypeVar("Settings")
+SEED_STREAM = 3  # of the scenario's seed: beside those of `episode.sensing`
 
 
 Model = Callable[[Observation], Linearisation]  # linearised about the step that led to the observation
@@ -48,3 +51,8 @@ class Setup:
         """The model to linearise, for a controller that `make_model` makes one for."""
         assert self.model is not None
         return self.model
+
+
+def seed_of_controller(seed: int) -> int:
+    """For what a controller draws itself, from the scenario's seed and independent of it; below 2^32."""
+    return int(np.random.SeedSequence([seed, SEED_STREAM]).generate_state(1)[0])

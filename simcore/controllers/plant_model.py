@@ -15,7 +15,8 @@ from simcore.scenario.controller_rules import needs_tissue
 from simcore.scenario.scenario import InverseFem, Scenario, SeparateModel
 
 if TYPE_CHECKING:
-    from simcore.controllers.base import Model, Observation
+    from simcore.controllers.base import Model
+    from simcore.episode.observation import Observation
 
 LastStep = Callable[[], tuple[InsertionState, InsertionState]]
 Derivative = Callable[[InsertionState, InsertionState], Linearisation]

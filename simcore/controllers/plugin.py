@@ -7,18 +7,17 @@ from contextlib import contextmanager
 from pathlib import PurePath
 from typing import TYPE_CHECKING
 
-import numpy as np
-
+from simcore.controllers.base import seed_of_controller
+from simcore.episode.observation import Observation
 from simcore.errors import ModelFailureError
 from simcore.plugins import PluginError, factory_of
-
-SEED_STREAM = 3  # of the scenario's seed: beside those of `episode.sensing`
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
     from simcore.arrays import Floats
-    from simcore.controllers.base import Controller, Observation
+    from simcore.controllers.base import Controller
+    from simcore.episode.observation import Observation
     from simcore.insertion.state import Pose
     from simcore.scenario.scenario import Plugin, Scenario
 
@@ -56,11 +55,6 @@ class PluginController:
         with _named(f"controller {self.name!r}:", f", step {observation.step}"):
             pose: Pose = self.controller.command(observation)
         return pose
-
-
-def seed_of_controller(seed: int) -> int:
-    """For what a controller draws itself, from the scenario's seed and independent of it; below 2^32."""
-    return int(np.random.SeedSequence([seed, SEED_STREAM]).generate_state(1)[0])
 
 
 @contextmanager

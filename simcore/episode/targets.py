@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from simcore.scenario.controller_blocks import LOOK_AHEAD
 from simcore.trajectory import held_noise
 
 if TYPE_CHECKING:
@@ -14,7 +15,6 @@ if TYPE_CHECKING:
     from simcore.scenario.scenario import Scenario
 
 NOISE_HOLD_S = 0.01  # where the scenario names none
-LOOK_AHEAD = 100  # coming targets in an observation: a second of the default steps
 
 
 class Targets:

@@ -13,11 +13,10 @@ from simcore.controllers import make_controller
 from simcore.controllers.plant_model import make_model
 from simcore.controllers.remote_centre import rcm_authority
 from simcore.episode import CommandError, Episode
-from simcore.errors import ModelFailureError, Status
-from simcore.plugins import PluginError
+from simcore.errors import ControllerError, ModelFailureError, Status
 from simcore.rollout.recorder import Recorder
 from simcore.rollout.records import Observer, Silent, StepTiming
-from simcore.scenario.scenario import Plugin, Scenario
+from simcore.scenario.scenario import Plugin, Remote, Scenario
 
 if TYPE_CHECKING:
     from simcore.episode import Observation
@@ -80,7 +79,14 @@ class _Loop:
         )
 
     def run(self) -> Rollout:
-        """The loop itself."""
+        """The loop itself; a controller that holds something lets go of it, whatever ends the loop."""
+        try:
+            return self._run()
+        finally:
+            if callable(close := getattr(self.controller, "close", None)):
+                close(self.episode.status, self.episode.message)
+
+    def _run(self) -> Rollout:
         episode, recorder = self.episode, Recorder(self.episode, self.observer)
         seen = episode.observation
         while not episode.done:
@@ -101,7 +107,7 @@ class _Loop:
         except ModelFailureError as failure:
             episode.end(failure.status, f"the controller's model: {failure.message}")
             return seen, None, 0.0
-        except PluginError as error:
+        except ControllerError as error:
             episode.end(Status.CONTROLLER_FAILED, str(error))
             return seen, None, 0.0
         command_s = self.clock() - started - self.jacobian_s
@@ -117,7 +123,7 @@ class _Loop:
     def _label(self) -> str:
         """What messages call the controller."""
         settings = self.scenario.controller
-        return repr(settings.name if isinstance(settings, Plugin) else settings.kind)
+        return repr(settings.name if isinstance(settings, Plugin | Remote) else settings.kind)
 
     def _timed_model(self, observation: Observation) -> Linearisation:
         assert self.model is not None

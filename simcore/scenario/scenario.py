@@ -40,6 +40,7 @@ from simcore.scenario.controller_blocks import (
     Neighbours,
     OpenLoop,
     Plugin,
+    Remote,
     Replay,
     RigidNeedle,
     SeparateModel,
@@ -89,6 +90,7 @@ __all__ = [
     "Plugin",
     "ReachTrajectory",
     "Recording",
+    "Remote",
     "Replay",
     "RigidNeedle",
     "Robot",
@@ -245,6 +247,9 @@ class Scenario(Block):
             for field, value in frictions.items()
             if value > 0.3
         ]
+        if self.interaction.puncture_n > 0.0:
+            slides = "where the tip slides to before it enters depends on the mesh, by millimetres on a steep path"
+            far.append(f"interaction.puncture_n = {self.interaction.puncture_n:g} N: {slides}; 0 = nicked beforehand")
         if (length_mm := 1e3 * self.path().length_m) < SHORT_MM:
             far.append(f"{self.trajectory.end_field}: the path is {length_mm:.3g} mm long; are its points in metres?")
         if self.sensing.degrades and isinstance(self.controller, InverseFem) and not separate_model(self.controller):

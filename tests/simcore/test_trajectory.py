@@ -87,6 +87,7 @@ def test_points_run_at_constant_speed(path: SinePath) -> None:
     np.testing.assert_allclose(np.interp(path.parameter(s), u, lengths), s, atol=2e-8 * path.length_m)
 
 
+@pytest.mark.slow
 @settings(max_examples=examples(60), deadline=None)
 @given(paths(), st.lists(st.floats(0.0, 1.0), min_size=1, max_size=5))
 def test_parameter_inverts_the_arc_length(path: SinePath, shares: list[float]) -> None:
@@ -176,6 +177,7 @@ def test_distance_from_a_line_and_beyond_its_ends() -> None:
     assert line.distance_m(np.array([0.0, 0.001, 0.01])) == pytest.approx([0.001])
 
 
+@pytest.mark.slow
 @settings(max_examples=examples(40), deadline=None)
 @given(paths(), vectors)
 def test_distance_is_the_smallest_one(path: SinePath, point: Floats) -> None:
@@ -207,6 +209,7 @@ def test_step_count(length: float, speed: float, dt: float, steps: int) -> None:
     assert step_count(length, speed, dt) == steps
 
 
+@pytest.mark.slow
 @settings(max_examples=examples(300))
 @given(st.integers(1, 1_000_000), st.integers(1, 10_000), st.integers(1, 1000))
 def test_an_exact_quotient_is_not_rounded_up(steps: int, speed_um_s: int, dt_tenth_ms: int) -> None:
@@ -215,6 +218,7 @@ def test_an_exact_quotient_is_not_rounded_up(steps: int, speed_um_s: int, dt_ten
     assert step_count(speed * steps * dt * (1 + 1e-7), speed, dt) == steps + math.ceil(steps * 1e-7 - 1e-9 * steps)
 
 
+@pytest.mark.slow
 @every
 @pytest.mark.parametrize("dt", [0.001, 0.01, 0.03])
 def test_targets_slide_at_constant_speed_and_stop_at_the_end(path: SinePath, dt: float) -> None:

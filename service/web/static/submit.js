@@ -1,5 +1,5 @@
 // The form of a scenario: changed fields become JSON; a drawing and an estimate follow.
-import { mark, quiet, send, unmark } from "./app.js";
+import { at, mark, quiet, send, unmark } from "./app.js";
 import { curve, drawing, length } from "./draw.js";
 import { span } from "./live.js";
 
@@ -158,8 +158,8 @@ form.addEventListener("submit", async (event) => {
   const button = form.querySelector("button[type=submit]");
   button.disabled = true;
   quiet();
-  const answer = await send("/api/v1/jobs", { body: body() });
-  if (answer.ok) { location.assign(`/jobs/${answer.data.id}`); return; }
+  const answer = await send(at("/api/v1/jobs"), { body: body() });
+  if (answer.ok) { location.assign(at(`/jobs/${answer.data.id}`)); return; }
   button.disabled = false;
   mark(form, answer, "data-path", "@");
 });

@@ -33,6 +33,7 @@ def attempt(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, error: BaseExceptio
     return execute(RUNNER, spec.to_json(), str(tmp_path / "1"))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("error", "told"),
     [

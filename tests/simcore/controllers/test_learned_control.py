@@ -228,6 +228,7 @@ def test_an_insertion_that_fails_is_told_by_the_first_command(coarse: Scenario) 
     assert caught.value.status is Status.NOT_CONVERGED
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("kind", ["rigid", "frozen"])
 def test_the_baselines_run_in_the_loop(kind: str) -> None:
     path = {"kind": "line", "target_mm": [14.0, 22.0, 12.0], "speed_mm_s": 20.0}
@@ -270,7 +271,7 @@ def test_a_registered_controller_is_run_with_its_settings() -> None:
 
 @pytest.mark.usefixtures("registered")
 def test_an_unknown_plug_in_lists_those_that_are_installed() -> None:
-    with pytest.raises(ScenarioError, match=r"controller\.name = 'other'.*installed: straight"):
+    with pytest.raises(ScenarioError, match=r"controller\.name = 'other'.*installed: mpc, straight"):
         scenario({"kind": "plugin", "name": "other"})
 
 

@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 
 from simcore import plugins
-from simcore.controllers.base import Observation
 from simcore.controllers.plugin import PluginController
+from simcore.episode.observation import Observation
 from simcore.errors import ModelFailureError, ScenarioError, Status
 from simcore.insertion.state import Pose
 from simcore.plugins import PluginError

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from simcore import plugins
-from simcore.controllers.plugin import seed_of_controller
+from simcore.controllers.base import seed_of_controller
 from simcore.episode import Episode, Observation
 from simcore.errors import ScenarioError
 from simcore.insertion.state import Pose

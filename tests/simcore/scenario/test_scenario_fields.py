@@ -121,6 +121,7 @@ def test_a_model_says_what_it_is(model: type[BaseModel]) -> None:
     assert model.__doc__
 
 
+@pytest.mark.slow
 @every_number_field
 def test_a_range_is_in_the_description(field: NumberField) -> None:
     schema = Scenario.model_json_schema()
