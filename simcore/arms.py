@@ -172,3 +172,9 @@ def _leaves(value: Any, place: str = "") -> list[tuple[str, str]]:
 
 def _leaf(path: str) -> str:
     return path.rpartition(".")[2].replace("_", " ")
+
+
+def makes_arm(field: str) -> bool:
+    """Whether a scenario's field (dotted path) is a part of the arm, and not a condition that it is tested under."""
+    block, _, rest = field.partition(".")
+    return block == "controller" and rest.partition(".")[0] not in CONDITIONS
