@@ -35,12 +35,22 @@ class Crew(Protocol):
         """Run all, two at a time; results in the order of the scenarios."""
 
 
+def _nothing_kept(_name: str) -> str | None:
+    """Without a place to keep anything."""
+    return None
+
+
+def _not_kept(_name: str, _text: str) -> None:
+    """Without a place to keep anything."""
+
+
 @dataclass(frozen=True)
 class BenchPorts:
     """What the command line provides.
 
     say: progress, one line. recorder: opens a recording at a path. recorder_name: the same, as `module:function`, for a
-    process of its own. crew: so many workers while the context is open. folder: where scratch files may be.
+    process of its own. crew: so many workers while the context is open. folder: where scratch files may be. kept: the
+    text that an interrupted benchmark kept under a name, or None; keep: keep it, in place of what was there.
     """
 
     say: Callable[[str], None]
@@ -50,6 +60,8 @@ class BenchPorts:
     folder: Path
     clock: Clock = time.perf_counter
     quick: bool = False
+    kept: Callable[[str], str | None] = _nothing_kept
+    keep: Callable[[str, str], None] = _not_kept
 
     def rounds(self, full: int) -> int:
         """How often a measurement is repeated."""

@@ -15,6 +15,7 @@ from benchmarks.performance.whole_step import step
 from benchmarks.studies.convergence import convergence
 from benchmarks.studies.forces import forces
 from benchmarks.studies.sweeps import sweeps_study
+from benchmarks.studies.work_precision import work_precision
 from simcore.errors import Problem, ScenarioError
 
 if TYPE_CHECKING:
@@ -43,6 +44,7 @@ BENCHMARKS = {
     "memory": Benchmark(memory, "peak memory of a process at 1,617 and 4,743 nodes"),
     "profile": Benchmark(profile, "share of each stage of a step"),
     "convergence": Benchmark(convergence, "bands of the default: three meshes, three spacings", study=True),
+    "work-precision": Benchmark(work_precision, "which mesh is worth its time: uniform, graded", study=True),
     "sweeps": Benchmark(sweeps_study, "tip, entry force and sum |lambda|, one parameter at a time", study=True),
     "forces": Benchmark(forces, "force over depth: push, hold, pull out", study=True),
 }

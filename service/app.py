@@ -5,6 +5,7 @@ from __future__ import annotations
 from contextlib import asynccontextmanager
 from typing import TYPE_CHECKING, Any, cast
 
+import anyio
 import anyio.to_thread
 from fastapi import Depends, FastAPI
 
@@ -18,6 +19,7 @@ from service.api.middleware.key_guard import KeyGuard
 from service.api.middleware.request_log import RequestLog
 from service.api.ownership import check_owner
 from service.api.readiness import readings
+from service.api.root_path import RootPath
 from service.api.routes import campaigns, events, jobs, keys, models, operations, results, schedules, system, uploads
 from service.version import installed_version
 from service.web import assets, login, site, viewer
@@ -48,9 +50,10 @@ def create_app(service: Service) -> FastAPI:
         try:
             yield
         finally:
-            service.changes.close()
-            await anyio.to_thread.run_sync(service.keeper.stop)
-            await anyio.to_thread.run_sync(service.engine.stop)
+            service.begin_to_stop()
+            own = anyio.CapacityLimiter(1)  # requests may hold every thread of the common one
+            await anyio.to_thread.run_sync(service.engine.stop, limiter=own)
+            await anyio.to_thread.run_sync(service.keeper.stop, limiter=own)
             service.store.close()
 
     app = FastAPI(
@@ -82,5 +85,8 @@ def _guard(app: FastAPI, service: Service) -> None:
     app.add_middleware(cast("Any", Compression))
     app.add_middleware(cast("Any", HeadAsGet))
     app.add_middleware(cast("Any", BodyLimit), maximum_bytes=limits.body_bytes, exceptions=uploads)
-    app.add_middleware(cast("Any", KeyGuard), keys=service.keys, rate_per_key=limits.rate_per_key)
-    app.add_middleware(cast("Any", HostGuard), loopback=settings.loopback)
+    app.add_middleware(
+        cast("Any", KeyGuard), keys=service.keys, rate_per_key=limits.rate_per_key, public=settings.public_host
+    )
+    app.add_middleware(cast("Any", HostGuard), loopback=settings.loopback, public=settings.public_host)
+    app.add_middleware(cast("Any", RootPath), root=settings.root_path)

@@ -9,9 +9,10 @@ import shlex
 import sys
 from pathlib import Path
 from typing import Self
+from urllib.parse import urlsplit
 
 from platformdirs import user_data_path
-from pydantic import Field
+from pydantic import Field, field_validator
 
 from service.api_key import keys_exist
 from service.environment import Section, SettingsError, note_of, setting, variables_of
@@ -21,6 +22,10 @@ from simcore.errors import Problem
 DEFAULT_HOST = "127.0.0.1"
 DEFAULT_PORT = 8321
 MAXIMUM_WORKERS = 2
+_OWN_PATHS = (
+    "api campaigns compare healthz jobs login logout metrics models openapi.json readyz recordings schedules static "
+    "submit trends version viewer"
+)
 RUNNER = "service.worker.attempt:run_job"
 
 
@@ -101,6 +106,7 @@ class Settings(Section):
 
     data: folder of the database, the results and the recordings. port: None = the default one or the next free.
     minimum_free_mb: room on the disk below which no job is started, units of 2^20 bytes.
+    public_url: address under which a proxy shows the service, whose host and path it then knows.
     drain_s: how long running jobs may go on once the service was asked to end; then they go back into the queue.
     keep_days, keep_gb: once a day jobs that ended longer ago go, then the oldest until the rest fits; None = no rule.
     backups: copies of the database, one a day, in the data folder [ours].
@@ -180,14 +186,43 @@ class Settings(Section):
         pattern="^[!-~]+$",
         repr=False,
     )
+    public_url: str | None = setting(
+        None,
+        "NEEDLEBENCH_PUBLIC_URL",
+        "address under which a proxy shows the service, as https://lab.example/needles; it then needs a key",
+        rule="must be http or https, a host and perhaps a plain path, as in https://lab.example/needles",
+        pattern=r"^https?://[A-Za-z0-9.-]+(:[0-9]{1,5})?(/[A-Za-z0-9_~-][A-Za-z0-9._~-]*)*/?$",
+    )
     drain_s: float = Field(0.0, ge=0, le=86400, json_schema_extra={"label": "--drain", "rule": "must be 0 to 86400 s"})
     limits: Limits = Field(default_factory=Limits)
     runner: str = RUNNER
+
+    @field_validator("public_url")
+    @classmethod
+    def _no_own_path(cls, value: str | None) -> str | None:
+        if (first := urlsplit(value or "").path.partition("/")[2].partition("/")[0]) in _OWN_PATHS.split():
+            raise ValueError(f"must not begin its path with /{first}, which is the service's own")
+        return value
 
     @property
     def loopback(self) -> bool:
         """Whether only this machine can reach the service."""
         return is_loopback(self.host)
+
+    @property
+    def exposed(self) -> bool:
+        """Whether others than this machine can reach the service, by its address or through a proxy."""
+        return not self.loopback or self.public_url is not None
+
+    @property
+    def public_host(self) -> str | None:
+        """Host and port of the address that a proxy shows, in lower case."""
+        return None if self.public_url is None else urlsplit(self.public_url).netloc.lower()
+
+    @property
+    def root_path(self) -> str:
+        """Path of the address that a proxy shows, without a slash at its end; empty without one."""
+        return "" if self.public_url is None else urlsplit(self.public_url).path.rstrip("/")
 
     @property
     def minimum_free_bytes(self) -> int:
@@ -233,7 +268,7 @@ class Settings(Section):
 
     def check_exposure(self) -> None:
         """Raises SettingsError for an address that others can reach as long as there is no key. Reads the database."""
-        if self.api_key is None and not self.loopback and not keys_exist(self.database):
+        if self.api_key is None and self.exposed and not keys_exist(self.database):
             raise SettingsError([Problem("--host", self.host, _refusal(self.host, self.port))])
 
 

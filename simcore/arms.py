@@ -17,7 +17,8 @@ from simcore.errors import ScenarioError
 from simcore.file_names import located
 from simcore.plugins import code_of
 
-PLUGIN = "plugin"
+PLUGIN, REMOTE = "plugin", "remote"
+_REMOTE = ("clock", "look_ahead", "settings")  # what of a remote controller's block is not its connection
 CONDITIONS = ("delay_s",)  # fields of a controller's block that degrade whatever steers: no part of an arm
 _CONTENT = {"model": "model_sha256", "poses_file": "poses_sha256"}  # fields that name a file -> its digest
 _LONGEST_NAME = 1000  # characters of a setting that may be the name of a file
@@ -27,9 +28,10 @@ Json = dict[str, Any]
 
 @dataclass(frozen=True, kw_only=True)
 class Arm:
-    """controller: a plug-in's name, else its kind. settings: JSON, without what is given by content. version and
-    code_sha256: of a plug-in, see `controller_code`; None for a kind of needlebench, whose commit says them. files:
-    SHA-256 of each file that the settings name, by setting; poses given inline are one too."""
+    """controller: name of a plug-in or a remote one, else the kind. settings: JSON, without what is given by content.
+    version, code_sha256: of a plug-in, see `controller_code`; None for a kind of needlebench, whose commit says them,
+    and for a remote controller, whose code is elsewhere. files: SHA-256 of each file that the settings name, by
+    setting; poses given inline are one too."""
 
     kind: str
     controller: str
@@ -79,6 +81,10 @@ def arm_of(scenario: Mapping[str, Any]) -> Arm:
             code_sha256=code.sha256,
             files=files,
         )
+    if kind == REMOTE:
+        settings = {name: block[name] for name in _REMOTE if block.get(name)}
+        name = str(block.get("name", kind))
+        return Arm(kind=kind, controller=name, settings=settings, version=None, code_sha256=None, files={})
     files = _content(block)
     settings = _without_derived(block, scenario)
     return Arm(kind=kind, controller=kind, settings=settings, version=None, code_sha256=None, files=files)

@@ -56,6 +56,7 @@ class Status(StrEnum):
     BUCKLED = "buckled"
     AUTHORITY_LOST = "authority_lost"
     SHAFT_BESIDE = "shaft_beside"
+    CONTROLLER_FAILED = "controller_failed"
 
 
 STATUSES = {
@@ -68,7 +69,7 @@ STATUSES = {
     Status.TISSUE_LEFT: "the tip left the tissue elsewhere than where it came in",
     Status.CHANNEL_LEFT: "a tip that was pushed in again missed the channel that it had cut",
     Status.TARGET_LOST: "the tip was farther from the target of its command than max(10 mm, 5 `success_mm`); not "
-    "judged for prescribed poses",
+    "judged for prescribed poses and for targets without a path",
     Status.BUCKLED: "the needle, as base and tissue hold it, was pushed to the limit point of its free shaft: its "
     "equilibrium was unstable, or a step within a tenth of that load found none",
     Status.AUTHORITY_LOST: "the RCM authority vanished on the way (its smallest singular value fell to 0.02, or its "
@@ -76,7 +77,14 @@ STATUSES = {
     "target was lost, or the base came beside the tissue",
     Status.SHAFT_BESIDE: "the base or the free shaft came beside the tissue or into it, more than 1 mm deeper than "
     "where the shaft enters: contact is modelled at the channel alone",
+    Status.CONTROLLER_FAILED: "the controller raised, a remote one did not answer in time, or a command was no finite "
+    "pose within 10 m of the base; the message names controller, step and value",
 }
+
+
+class ControllerError(NeedlebenchError):
+    """A controller that cannot be asked, or that answers with something else than a pose: the run ends as
+    `controller_failed`."""
 
 
 class ModelFailureError(NeedlebenchError):

@@ -255,6 +255,7 @@ SERIES = (
     SeriesArray("base_position_m", "m", ("rows", "3"), "base of the needle, the robot's end-effector"),
     SeriesArray("base_rotation", "1", ("rows", "4"), "its orientation, quaternion wxyz; identity = needle along +z"),
     SeriesArray("tip_m", "m", ("rows", "3"), "tip of the needle, n_tip"),
+    SeriesArray("tip_seen_m", "m", ("rows", "3"), "tip that the controller saw, see `sensing`; in no digest"),
     SeriesArray("target_m", "m", ("rows", "3"), "target without noise, n_traj"),
     SeriesArray("target_noisy_m", "m", ("rows", "3"), "target that the controller saw"),
     SeriesArray(

@@ -1,8 +1,8 @@
 """What a run is judged by. All errors use the clean target; definitions after Perrusi et al. 2021 where tagged [paper].
 
 `stable` (finite, every step converged, no inversion: the paper's S) and `success` are two things. Success is stable,
-reached the last step, never more than 2 mm from the target for more than 0.5 s, within `success_mm` of the end of the
-path after the last step, and a needle that stays below its yield stress.
+reached the last step, never more than 2 mm from the target of a path for more than 0.5 s, within `success_mm` of the
+end after the last step, and a needle that stays below its yield stress.
 """
 
 from __future__ import annotations
@@ -93,7 +93,7 @@ def lambda_ratio(series: Series) -> float | None:
 def metrics(
     status: Status,
     series: Series,
-    path: Path,
+    path: Path | None,
     *,
     dt_s: float,
     steps: int,
@@ -103,6 +103,7 @@ def metrics(
 ) -> dict[str, Any]:
     """The metrics block of a result; every measure is None if not one step was completed.
 
+    path: None = there is a target only, which has no cross-track error and is lost at no time.
     success_mm: how near the tip must end to the end of the path. yield_mpa: stress that the needle must stay below.
     cross_track_m: (done,) m, distance of the tip from the path after each step where the tissue carries the path; None
     = the path is fixed in space, and the distances follow from it.
@@ -113,17 +114,18 @@ def metrics(
     if done == 0:
         return {**values, **dict.fromkeys(MEASURED)}
     commanded, same_time = commanded_errors_mm(series), same_time_errors_mm(series)
-    if cross_track_m is None:
+    if cross_track_m is None and path is not None:
         cross_track_m = path.distance_m(series["tip_m"][1:])
     rcm = 1e3 * series["rcm_error_m"][1:]
     stress_mpa = float(1e-6 * series["needle_stress_pa"].max())
-    followed = done == steps and longest_loss_s(commanded, dt_s) <= LOST_TIME_S and same_time[-1] <= success_mm
+    kept = path is None or longest_loss_s(commanded, dt_s) <= LOST_TIME_S
+    followed = done == steps and kept and same_time[-1] <= success_mm
     return {
         **values,
         "success": bool(stable and followed and stress_mpa < yield_mpa),
         **_family(commanded, "commanded"),
         **_family(same_time, "same_time"),
-        "cross_track_rmse_mm": root_mean_square(1e3 * cross_track_m),
+        "cross_track_rmse_mm": None if cross_track_m is None else root_mean_square(1e3 * cross_track_m),
         "rcm_mean_mm": float(rcm.mean()),
         "rcm_max_mm": float(rcm.max()),
         "entry_drag_mm": float(1e3 * series["entry_drag_m"].max()),

@@ -9,7 +9,7 @@ from importlib.metadata import EntryPoint, entry_points
 from typing import Any
 
 from simcore.controller_code import Code, code_of_entry_point, code_of_factory
-from simcore.errors import NeedlebenchError
+from simcore.errors import ControllerError
 
 GROUP = "needlebench.controllers"
 Factory = Callable[..., Any]  # (scenario, entry_m, needle_length_m, settings) -> controller
@@ -20,7 +20,7 @@ _loaded: dict[str, Code] = {}  # what runs, whatever has become of its files sin
 _first: dict[str, Edition] = {}  # of each entry point, as this process saw it first
 
 
-class PluginError(NeedlebenchError):
+class PluginError(ControllerError):
     """A controller of another package that cannot be loaded, or that answers with something else than a pose."""
 
 

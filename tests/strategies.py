@@ -136,6 +136,10 @@ def points(draw: st.DrawFn, element: float, outer: float) -> Json:
     }
 
 
+def in_range(rate_hz: float) -> bool:
+    return 0.1 <= rate_hz <= 10_000.0
+
+
 @st.composite
 def scenarios(draw: st.DrawFn) -> Json:
     """Any valid scenario, every field given."""
@@ -173,6 +177,13 @@ def scenarios(draw: st.DrawFn) -> Json:
         "trajectory": trajectory,
         "robot": {"max_speed_mm_s": draw(between(0.1, 1000.0)), "max_turn_deg_s": draw(between(0.1, 3600.0))},
         "controller": controller,
+        "sensing": {
+            "rate_hz": draw(st.none() | st.integers(1, 20).map(lambda count: 1.0 / (count * dt)).filter(in_range)),
+            "latency_s": draw(st.integers(0, 5)) * dt,
+            "noise_mm": draw(between(0.0, 5.0)),
+            "tip": draw(st.sampled_from(["true", "registered"])),
+            "registration_mm": draw(between(0.0, 20.0)),
+        },
         "solver": {
             "mode": draw(st.sampled_from(["converged"] if exact else ["converged", "linearised"])),
             "force_tolerance_n": draw(between(1e-12, 1e-2)),

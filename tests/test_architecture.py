@@ -9,6 +9,8 @@ from collections import Counter
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+import pytest
+
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
@@ -93,12 +95,19 @@ def top(name: str) -> str:
 # ---- what may import what
 
 
+@pytest.mark.slow
 def test_simcore_needs_numbers_only() -> None:
-    """No service, no Rerun, no HTTP, no database: the physics runs wherever its arrays do."""
+    """No service, no Rerun, no HTTP, no database: the physics runs wherever its arrays do. Only the room of remote
+    controllers has a socket."""
     known = SIMCORE_NEEDS | {"simcore"} | (sys.stdlib_module_names - NETWORK)
-    assert not offences(of("simcore"), lambda _, name: top(name) in known)
+
+    def allowed(path: Path, name: str) -> bool:
+        return top(name) in known or (name == "socket" and path.parent.name == "remote")
+
+    assert not offences(of("simcore"), allowed)
 
 
+@pytest.mark.slow
 def test_benchmarks_need_simcore_only() -> None:
     known = BENCHMARKS_NEED | {"needlebench"} | (sys.stdlib_module_names - NETWORK)
     assert not offences(of("benchmarks"), lambda _, name: top(name) in known)
@@ -117,6 +126,7 @@ def test_no_folder_is_a_hall() -> None:
     assert not {folder: modules for folder, modules in folders.items() if modules > MAXIMUM_MODULES}
 
 
+@pytest.mark.slow
 def test_no_function_is_too_long() -> None:
     found = {}
     for path in [*SHIPPED, *ALONE]:
@@ -128,6 +138,7 @@ def test_no_function_is_too_long() -> None:
     assert not {name: lines for name, lines in found.items() if lines > MAXIMUM_FUNCTION_LINES}
 
 
+@pytest.mark.slow
 def test_every_module_says_what_it_is() -> None:
     full = [path for path in [*SHIPPED, *ALONE] if path.read_text("utf-8").strip()]
     assert not [str(path.relative_to(ROOT)) for path in full if not ast.get_docstring(tree_of(path))]
@@ -142,11 +153,13 @@ def lines_matching(pattern: str, paths: list[Path]) -> list[str]:
     ]
 
 
+@pytest.mark.slow
 def test_no_loose_ends() -> None:
     words = ("TO" + "DO", "FIX" + "ME", "XX" + "X", "HA" + "CK")
     assert not lines_matching(rf"\b({'|'.join(words)})\b", [*SHIPPED, *ALONE, *TESTS])
 
 
+@pytest.mark.slow
 def test_no_paths_of_one_machine() -> None:
     folders = ("work", "home", "Users", "root", "mnt")
     texts = [p for pattern in ("*.md", "*.toml", "*.cff", "Makefile") for p in ROOT.glob(pattern)]

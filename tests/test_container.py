@@ -109,6 +109,7 @@ def test_the_command_is_one_that_the_command_line_takes() -> None:
     assert said("EXPOSE") == [PORT]
 
 
+@pytest.mark.slow
 def test_without_a_key_the_command_refuses_to_start(tmp_path: Path) -> None:
     words = json.loads(said("CMD")[0])[1:]
     words = [str(tmp_path / "data") if word == "/data" else word for word in words]
@@ -119,6 +120,7 @@ def test_without_a_key_the_command_refuses_to_start(tmp_path: Path) -> None:
     assert "needs a key" in done.stderr
 
 
+@pytest.mark.slow
 def test_the_health_check_tells_a_service_that_answers_from_one_that_does_not(tmp_path: Path) -> None:
     program, flag, code = health_command()
     assert (program, flag) == ("python", "-c")
@@ -181,6 +183,7 @@ def test_all_that_the_wheel_is_built_from_gets_in() -> None:
     assert [name for name in [*needed, *packages] if not let_through(name)] == []
 
 
+@pytest.mark.slow
 def test_the_step_that_builds_the_wheel_works_on_what_gets_in(tmp_path: Path) -> None:
     """The same command as in the Dockerfile, in a folder that holds no more than the build sees."""
     (run,) = [run for run in said("RUN", 0) if "hatchling build" in run]

@@ -57,6 +57,7 @@ def wheel(tmp_path_factory: pytest.TempPathFactory) -> Iterator[zipfile.ZipFile]
         yield archive
 
 
+@pytest.mark.slow
 def test_wheel_ships_every_file_of_the_packages_and_nothing_else(wheel: zipfile.ZipFile) -> None:
     here = {
         path.relative_to(ROOT).as_posix()
@@ -89,6 +90,7 @@ def test_wheel_has_command_licences_and_commit(wheel: zipfile.ZipFile) -> None:
     assert wheel.read("simcore/_commit.txt").decode() == COMMIT + "\n"
 
 
+@pytest.mark.slow
 def test_the_source_archive_builds_the_same_wheel(wheel: zipfile.ZipFile, tmp_path: Path) -> None:
     with tarfile.open(build("sdist", tmp_path / "sdist")) as archive:
         archive.extractall(tmp_path / "source", filter="data")
@@ -133,6 +135,7 @@ def test_committed_results_have_a_licence_of_their_own() -> None:
 # ---- the commit
 
 
+@pytest.mark.slow
 def test_commit_comes_from_git_when_nothing_else_is_said(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     hatch_build = pytest.importorskip("hatch_build")
     monkeypatch.delenv("NEEDLEBENCH_COMMIT", raising=False)

@@ -148,6 +148,7 @@ def toy_page(folder: Path, date: str) -> list[str]:
     return file.read_text().splitlines()
 
 
+@pytest.mark.slow
 def test_the_option_writes_the_page(tmp_path: Path) -> None:
     """Through pytest: failures on it, the date from outside, the rest the same in two runs."""
     (tmp_path / "test_toy.py").write_text(TOY)

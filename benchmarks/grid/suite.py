@@ -11,12 +11,13 @@ from typing import Any
 
 from benchmarks.cases import Case, Label, Suite
 from benchmarks.grid.names import case_names, label, value_names
-from simcore.arms import PLUGIN, Arm, arm_names, arm_of, makes_arm
+from simcore.arms import PLUGIN, REMOTE, Arm, arm_names, arm_of, makes_arm
 from simcore.errors import Problem, ScenarioError
 from simcore.scenario.presets import with_changes
 from simcore.scenario.scenario import Scenario
 
 MAXIMUM_CASES = 20_000
+MAXIMUM_AXES = 50
 SEED = "seed"
 Json = dict[str, Any]
 Axes = Mapping[str, Sequence[Any]]
@@ -68,13 +69,14 @@ def _seed_problem(axes: Axes, scenarios: Sequence[Json]) -> Problem | None:
     """Seeds of cases in which nothing is random; a plug-in may draw from the seed as it likes."""
     if len(axes.get(SEED, ())) < 2 or any(_random(one) for one in scenarios):
         return None
-    message = "has no effect while noise_mm = 0: each seed would repeat the same insertion; set noise_mm, or give one"
+    message = "has no effect while noise_mm = 0: each would repeat the same insertion; set noise_mm or sensing.noise_mm"
     return Problem(f"grid.{SEED}", list(axes[SEED]), message)
 
 
 def _random(scenario: Json) -> bool:
-    sensing = scenario.get("sensing") or {}
-    return bool(scenario["noise_mm"] or sensing.get("noise_mm") or scenario["controller"]["kind"] == PLUGIN)
+    sensing = scenario["sensing"]
+    drawn = scenario["noise_mm"] or sensing["noise_mm"] or sensing["tip"] == "registered"
+    return bool(drawn) or scenario["controller"]["kind"] in (PLUGIN, REMOTE)
 
 
 def _arms(scenarios: Sequence[Json]) -> list[Arm]:
@@ -107,12 +109,14 @@ def _end_point(trajectory: Json) -> str:
 
 
 def _faults(axes: Mapping[str, Sequence[Any]]) -> list[Problem]:
+    if len(axes) > MAXIMUM_AXES:
+        return [Problem("grid", len(axes), f"has too many fields, at most {MAXIMUM_AXES} are allowed")]
     problems = [Problem(f"grid.{path}", [], "must have at least one value") for path, v in axes.items() if not len(v)]
-    for path, values in axes.items():
-        seen = Counter(json.dumps(value, sort_keys=True) for value in values)
-        if doubled := sorted(text for text, count in seen.items() if count > 1):
-            problems.append(Problem(f"grid.{path}", doubled[0], "is given twice: give each value once"))
     count = math.prod(len(values) for values in axes.values())
     if count > MAXIMUM_CASES:
         problems.append(Problem("grid", count, f"gives too many insertions, at most {MAXIMUM_CASES} are allowed"))
+    for path, values in axes.items():
+        seen = Counter(json.dumps(value, sort_keys=True) for value in values)
+        if doubled := min((text for text, times in seen.items() if times > 1), default=None):
+            problems.append(Problem(f"grid.{path}", doubled, "is given twice: give each value once"))
     return problems

@@ -3,14 +3,16 @@
 A claim is reproduced only if what it says holds, and holds by the primary test; one about all insertions needs as many
 end points as the paper's for that. It is not reproduced under our assumptions, which `assumptions` lists, if the
 opposite holds by the same test. Everything else is undecided: also the opposite without significance, and what lies
-inside the band of the discretisation (`Evidence.band_mm`), or whatever the mesh may change where that is unknown. A
-failure counts once, under stability; errors are scored over the others.
+inside the band of the discretisation (`Evidence.bands`): of the paired difference where two controllers are compared,
+of the controller where one is judged; or whatever the mesh may change where that is unknown. A failure counts once,
+under stability; errors are scored over the others.
 """
 
 from __future__ import annotations
 
 import json
 import math
+from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
 from benchmarks.paper import statistics
@@ -36,6 +38,9 @@ from simcore.scenario.held_parts import held_faces_of
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
+
+    from benchmarks.paper.analysis import Score
+    from benchmarks.paper.bands import Band
 
 DIFFERENT = 0.05  # [paper] of constant against variable Young's modulus
 PAPER_STABLE = 0.98  # [paper] under variable Young's modulus
@@ -97,7 +102,7 @@ def stability(evidence: Evidence) -> Claim:
         return Claim("stability", text, source, UNDECIDED, figure, "", None, "", f"not run: {lacking}")
     verdict, reason = judge_without_exception(known, list_failures(evidence, "failed"))
     claim = Claim("stability", text, source, verdict, figure, "Wilson 95 %", None, "", reason)
-    return undecided_by_band(claim, evidence.band_mm, math.inf)
+    return undecided_by_band(claim, evidence.bands.rmse(ALL, *BOTH), math.inf)
 
 
 def submillimetric(evidence: Evidence) -> Claim:
@@ -125,7 +130,16 @@ def submillimetric(evidence: Evidence) -> Claim:
         shares = ", ".join(f"{100 * s.submillimetric:.0f} % on {s.group}" for s in open_loop)
         reason += f"; an open loop has an RMSE below 1 mm in {shares}: on its own this proves little"
     claim = Claim("submillimetric", text, "abstract", verdict, figure, "", None, "", reason)
-    return undecided_by_band(claim, evidence.band_mm, 1.0 - max(s.max_mm for s in known))
+    return undecided_by_band(claim, *_nearest_to_turning(evidence, known, verdict))
+
+
+def _nearest_to_turning(evidence: Evidence, known: Sequence[Score], verdict: str) -> tuple[Band, float]:
+    """Band and margin of the controller that decides: all have to be below a millimetre, or one above."""
+    held = [(evidence.bands.rmse(s.group, s.arm), 1.0 - s.max_mm) for s in known]
+    if unknown := next((pair for pair in held if pair[0].mm is None), None):
+        return unknown
+    sign = -1.0 if verdict == REPRODUCED else 1.0
+    return min(held, key=lambda pair: pair[1] + sign * (pair[0].mm or 0.0))
 
 
 def variable_stability(evidence: Evidence) -> Claim:
@@ -146,7 +160,7 @@ def variable_stability(evidence: Evidence) -> Claim:
         verdict = UNDECIDED if inside else NOT_REPRODUCED
         reason += f"{len(failed)} failed, too few to compare where"
         claim = Claim("variable", text, source, verdict, figure, "Wilson 95 %", None, "", reason)
-        return undecided_by_band(claim, evidence.band_mm, math.inf)
+        return undecided_by_band(claim, evidence.bands.rmse(score.group, "elm"), math.inf)
     p = statistics.mann_whitney_p(failed, rest)
     near, far = statistics.middle(failed), statistics.middle(rest)
     nearer = near < far and p < DIFFERENT
@@ -155,7 +169,7 @@ def variable_stability(evidence: Evidence) -> Claim:
     verdict = REPRODUCED if inside and nearer else NOT_REPRODUCED
     test = "Wilson 95 %; Mann-Whitney of distances"
     claim = Claim("variable", text, source, verdict, figure, test, p, effect, reason)
-    return undecided_by_band(claim, evidence.band_mm, math.inf)
+    return undecided_by_band(claim, evidence.bands.rmse(score.group, "elm"), math.inf)
 
 
 def no_difference(evidence: Evidence) -> Claim:
@@ -184,7 +198,9 @@ def no_difference(evidence: Evidence) -> Claim:
     effect = f"Cliff’s delta {effect_text(comparison.cliffs_delta)}"
     claim = Claim("young", text, source, verdict, figure, test, comparison.p_mann_whitney, effect, reason)
     turns_at = statistics.MARGIN_MM if verdict == REPRODUCED else comparison.difference_mm
-    return undecided_by_band(claim, evidence.band_mm, turns_at)
+    band = evidence.bands.difference(comparison.group, "elm", "elm")
+    band = replace(band, of=f"ELM at two Young’s moduli on {comparison.group}")
+    return undecided_by_band(claim, band, turns_at)
 
 
 def time_saved(evidence: Evidence, where: str, share: float) -> Claim:

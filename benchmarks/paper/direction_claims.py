@@ -89,7 +89,8 @@ def _judged(
         effect=effect,
         reason="; ".join([reason, *notes]),
     )
-    return undecided_by_band(claim, evidence.band_mm, comparison.difference_mm)
+    band = evidence.bands.difference(comparison.group, comparison.first, comparison.second)
+    return undecided_by_band(claim, band, comparison.difference_mm)
 
 
 def _direction_verdict(comparison: Comparison, holds: bool) -> tuple[str, str]:

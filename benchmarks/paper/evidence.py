@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 from benchmarks.paper.analysis import PRIMARY, Contrast, Score, under
+from benchmarks.paper.bands import UNKNOWN, Band, Bands
 from benchmarks.paper.number_text import signed_text
 from benchmarks.paper.table import GROUPS, Row, main_rows
 
@@ -26,7 +27,7 @@ BOTH = ("ifem", "elm")
 @dataclass(frozen=True)
 class Claim:
     """One claim and its verdict. figure: the measured numbers in words; test, p and effect as far as there is
-    one; reason: why this verdict."""
+    one; reason: why this verdict; band: of the discretisation, which it was held against."""
 
     key: str
     claim: str
@@ -37,12 +38,13 @@ class Claim:
     p: float | None
     effect: str
     reason: str
+    band: str = ""
 
 
 @dataclass(frozen=True)
 class Evidence:
-    """What claims are judged by. band_mm: how far the tip of these insertions may be off for their mesh, spacing and
-    step, from a convergence study; None = unknown."""
+    """What claims are judged by. bands: how far errors and their differences may be off for the mesh, the spacing and
+    the ball of these insertions, from a convergence study of closed loops."""
 
     rows: Sequence[Row]
     scores: Sequence[Score]
@@ -51,7 +53,7 @@ class Evidence:
     directions: Sequence[Contrast]
     savings: Sequence[Saving]
     seeds: Sequence[SeedShare]
-    band_mm: float | None = None
+    bands: Bands = UNKNOWN
 
     def score(self, group: str, arm: str, young: str = PRIMARY.young, noise: str = PRIMARY.noise) -> Score | None:
         """A controller's score, if it ran."""
@@ -84,16 +86,18 @@ def judge_without_exception(known: Sequence[Score], exceptions: str) -> tuple[st
     return REPRODUCED, f"holds in all {count} insertions"
 
 
-def undecided_by_band(claim: Claim, band_mm: float | None, margin_mm: float) -> Claim:
-    """The claim, undecided where the band is unknown or not smaller than margin_mm, the distance of what decided it
-    from where the verdict would turn. One that is undecided stays as it is."""
+def undecided_by_band(claim: Claim, band: Band, margin_mm: float) -> Claim:
+    """The claim with its band; undecided where that is unknown or not smaller than margin_mm, the distance of what
+    decided it from where the verdict would turn. One that is undecided keeps its reason."""
+    claim = replace(claim, band=str(band))
     if claim.verdict == UNDECIDED:
         return claim
-    if band_mm is None:
-        return replace(claim, verdict=UNDECIDED, reason=f"{INSIDE_BAND}, whose band is unknown; {claim.reason}")
-    if abs(margin_mm) > band_mm:
+    if band.mm is None:
+        reason = f"{INSIDE_BAND}, whose band of {band.of} is unknown; {claim.reason}"
+        return replace(claim, verdict=UNDECIDED, reason=reason)
+    if abs(margin_mm) > band.mm:
         return claim
-    inside = f"{INSIDE_BAND}: {abs(margin_mm):.3g} mm lie inside its band of {band_mm:.3g} mm"
+    inside = f"{INSIDE_BAND}: {abs(margin_mm):.3g} mm lie inside its band of {band.mm:.3g} mm"
     return replace(claim, verdict=UNDECIDED, reason=f"{inside}; {claim.reason}")
 
 

@@ -12,6 +12,7 @@ from functools import cached_property
 from typing import TYPE_CHECKING, Any, ClassVar
 
 from benchmarks.cases import Case
+from benchmarks.paper.scale import BAND_FIELDS
 from benchmarks.paper.suites import paper_cases, seed_cases, sensitivity_cases, timing_cases, training_cases
 from benchmarks.paper.training_study import other_training_cases, quiet_cases, training_study_cases
 
@@ -80,7 +81,7 @@ class StagedPlan(ABC):
         """Digest of the scale and of every draft: two runs with the same one do the same."""
         drafts = [[case.id, case.labels, case.scenario] for stage in self.stages for case in stage.cases]
         content = json.dumps(
-            [self.scale.model_dump(mode="json", exclude={"band_mm"}), drafts], sort_keys=True, separators=(",", ":")
+            [self.scale.model_dump(mode="json", exclude=BAND_FIELDS), drafts], sort_keys=True, separators=(",", ":")
         )
         return hashlib.sha256(content.encode()).hexdigest()
 

@@ -22,6 +22,7 @@ from benchmarks.paper.analysis import (
     scores,
     young_contrasts,
 )
+from benchmarks.paper.bands import UNKNOWN, Bands
 from benchmarks.paper.claims import assumptions, claims
 from benchmarks.paper.comparison import as_json, corrected
 from benchmarks.paper.evidence import Evidence
@@ -55,13 +56,13 @@ def document(
     recordings: Mapping[str, str] | None = None,
     scale: str = "",
     provenance: Mapping[str, Any] | None = None,
-    band_mm: float | None = None,
+    bands: Bands = UNKNOWN,
 ) -> Json:
     """All figures and tests of any outcomes, as plain JSON; what is not finite (a median of failures) is null.
 
     timing: the one-worker pass, which alone is used for times. learning: trained ELMs. recordings: case id -> link,
-    relative to the report. provenance: shown as it is. band_mm: how far the tip may be off for the discretisation, by
-    `needlebench bench convergence`; None = unknown, and then no claim about precision or failures is decided.
+    relative to the report. provenance: shown as it is. bands: of the discretisation, by `needlebench bench
+    convergence`; where they are unknown, no claim about precision or failures is decided.
     """
     table = rows(outcomes)
     families = controller_contrasts(table), young_contrasts(table), direction_contrasts(table)
@@ -69,7 +70,7 @@ def document(
     scored, timed = scores(table), rows(timing)
     seeds = seed_scores(table)
     shares = seed_shares(seeds, table)
-    evidence = Evidence(table, scored, contrasts, young, directions, savings(timed), shares, band_mm)
+    evidence = Evidence(table, scored, contrasts, young, directions, savings(timed), shares, bands)
     failed = [row for row in table if row.failed]
     content = {
         "schema": SCHEMA,
@@ -79,7 +80,7 @@ def document(
         "counts": {"insertions": len(table), "failed": len(failed), "timed": len(timed)},
         "claims": claims(evidence),
         "assumptions": assumptions(table),
-        "band_mm": band_mm,
+        "bands": bands.as_json(),
         "scores": scored,
         "contrasts": [_flat(contrast) for contrast in contrasts],
         "directions": [_flat(contrast) for contrast in directions],
@@ -175,7 +176,7 @@ def write(
     scale: str,
     out: Path,
     provenance: Mapping[str, Any],
-    band_mm: float | None = None,
+    bands: Bands = UNKNOWN,
 ) -> list[Path]:
     """Write the four files into `out`, each complete or as it was; returns their paths. See `document`."""
     report = document(
@@ -185,7 +186,7 @@ def write(
         recordings=recordings,
         scale=scale,
         provenance=provenance,
-        band_mm=band_mm,
+        bands=bands,
     )
     texts = {
         CSV: insertions_csv(rows([*outcomes, *timing])),

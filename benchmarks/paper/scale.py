@@ -14,6 +14,9 @@ Count = Annotated[int, Field(strict=True, ge=0, le=1000)]
 Positive = Annotated[int, Field(strict=True, ge=1, le=100_000)]
 
 
+BAND_FIELDS = {"band_mm", "band_difference_mm"}  # in no digest of a plan
+
+
 class ExperimentScale(BaseModel):
     """What every experiment's scale settles: the discretisation that all insertions share, data set and ELM."""
 
@@ -26,8 +29,14 @@ class ExperimentScale(BaseModel):
         None,
         ge=0.0,
         le=100.0,
-        description="how far the tip may be off for the discretisation, by a convergence study; null = unknown. Only "
-        "the claims read it: it may be set later",
+        description="band of a controller's RMSE for the discretisation, by a convergence study of closed loops; null "
+        "= the measured one on the default discretisation, else unknown. Only the claims read it: it may be set later",
+    )
+    band_difference_mm: float | None = Field(
+        None,
+        ge=0.0,
+        le=100.0,
+        description="band of the paired difference of two controllers, likewise; null beside a `band_mm` = twice that",
     )
     training: int = Field(105, ge=1, le=105, description="data-set insertions, of the 7 x 15 grid")
     samples: Positive = Field(10_000, description="samples drawn from them")

@@ -13,17 +13,19 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from benchmarks.paper import statistics
+from benchmarks.paper.bands import AXIS_ARM, bands_of
 from benchmarks.paper.comparison import Comparison, compare
 from benchmarks.paper.direction_claims import SIGNIFICANT
 from benchmarks.paper.evidence import NOT_REPRODUCED, REPRODUCED, UNDECIDED, Claim, change_text, undecided_by_band
 from benchmarks.paper.number_text import effect_text, millimetres, p_value
-from benchmarks.settling.cells import Cell, planned_pairs
+from benchmarks.settling.cells import AXIS, Cell, planned_pairs
 from benchmarks.settling.plan import CELL
 from benchmarks.settling.scores import BUDGET_MM, within_budget
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping, Sequence
 
+    from benchmarks.paper.bands import Band, Bands
     from benchmarks.paper.table import Row
     from benchmarks.settling.scale import SettlingScale
 
@@ -64,7 +66,7 @@ def planned_comparisons(table: Sequence[Row], scale: SettlingScale) -> list[Plan
     members: dict[str, list[Row]] = {}
     for row in table:
         members.setdefault(str(row.labels.get(CELL, "")), []).append(row)
-    pairs = planned_pairs(scale)
+    pairs, bands = planned_pairs(scale), bands_of(scale)
     inside = [_compared(members, pair, within_budget) for pair in pairs]
     everything = [_compared(members, pair, lambda _: True) for pair in pairs]
     adjusted, adjusted_everything = (_holm(found) for found in (inside, everything))
@@ -86,8 +88,8 @@ def planned_comparisons(table: Sequence[Row], scale: SettlingScale) -> list[Plan
                 p_holm_unrestricted=adjusted_everything[i],
                 outside=outside,
                 failed=failed,
-                claim=judge(second, inside[i], adjusted[i], scale.band_mm, where),
-                claim_unrestricted=judge(second, everything[i], adjusted_everything[i], scale.band_mm, where),
+                claim=judge(second, inside[i], adjusted[i], bands, where),
+                claim_unrestricted=judge(second, everything[i], adjusted_everything[i], bands, where),
             )
         )
     return planned
@@ -108,7 +110,7 @@ def _holm(compared: Sequence[Comparison | None]) -> list[float]:
     return [float(p) for p in statistics.holm([c.p_primary if c else math.nan for c in compared])]
 
 
-def judge(cell: Cell, comparison: Comparison | None, p_holm: float, band_mm: float | None, where: str) -> Claim:
+def judge(cell: Cell, comparison: Comparison | None, p_holm: float, bands: Bands, where: str) -> Claim:
     """The paper's claim against one cell of I-FEM. where: how many insertions were outside of the budget."""
     source = f"{cell.plant.title}; I-FEM {1e3 * cell.delay_s:g} ms late, {cell.rows_title}"
     if comparison is None:
@@ -128,7 +130,16 @@ def judge(cell: Cell, comparison: Comparison | None, p_holm: float, band_mm: flo
         f"rank-biserial {effect_text(comparison.rank_biserial)}",
         reason=f"{reason}; {where}",
     )
-    return undecided_by_band(claim, band_mm, comparison.difference_mm)
+    return undecided_by_band(claim, band_of(cell, bands), comparison.difference_mm)
+
+
+def band_of(cell: Cell, bands: Bands) -> Band:
+    """Of the ELM minus one cell of I-FEM: measured undelayed on the converged plant, with the axis through the entry
+    and with rows of the default weight. Rows of other weights, and left out, have the wider of the two; delays and the
+    linearised plant were not measured and have the same."""
+    if cell.rows == AXIS:
+        return bands.difference("CUR", "elm", AXIS_ARM)
+    return bands.widest_difference("CUR", "elm", ("ifem", AXIS_ARM))
 
 
 def _verdict(comparison: Comparison, p_holm: float) -> tuple[str, str]:

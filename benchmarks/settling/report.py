@@ -6,6 +6,7 @@ from __future__ import annotations
 import json
 from typing import TYPE_CHECKING, Any
 
+from benchmarks.paper.bands import bands_of
 from benchmarks.paper.claims import assumptions
 from benchmarks.paper.comparison import as_json
 from benchmarks.paper.direction_claims import SIGNIFICANT
@@ -57,7 +58,7 @@ def document(outcomes: Sequence[Outcome], scale: SettlingScale, provenance: Mapp
         },
         "counts": {"insertions": len(tests), "training": len(table) - len(tests), "failed": len(failed)},
         "assumptions": assumptions(table),
-        "band_mm": scale.band_mm,
+        "bands": bands_of(scale).as_json(),
         "verdicts": families(planned),
         "planned": [_flat(one) for one in planned],
         "cells": [score(cell, _rows_of(tests, cell.name)) for cell in cells(scale)],

@@ -1,13 +1,13 @@
 """How far the default discretisation is from its limit: three meshes and three spacings, the same base poses in all.
 
 The poses are those of I-FEM on the default discretisation, made once for each path and replayed open loop: a closed
-loop would steer the error of the discretisation away and hide it. What is compared: where the tip is, at the end and
-along the path; the mean lateral force at the entry over the first 12 mm; the mean push on the base.
+loop would steer the error of the discretisation away and hide it; what it leaves is in `closed_loop`. What is
+compared: where the tip is, at the end and along the path; the mean lateral force at the entry over the first 12 mm;
+the mean push on the base.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -15,17 +15,20 @@ from numpy.typing import NDArray
 
 from benchmarks.builtin_scenarios import with_blocks
 from benchmarks.observed_run import ObservedRun, observe
+from benchmarks.studies.closed_loop import closed_loops
 from benchmarks.studies.convergence_report import PathBands, QuantityBand, band_part
+from benchmarks.studies.discretisation import FULL, QUICK, QUICK_SHARE
 from benchmarks.studies.grid_convergence import GridBand, grid_band, size_of
 from benchmarks.studies.replayed_poses import replay_block
 from benchmarks.studies.sweeps import at_times
-from simcore.scenario.scenario import Scenario
+from simcore.scenario.scenario import Scenario, StraightTrajectory
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
     from benchmarks.measurements import Part
     from benchmarks.ports import BenchPorts
+    from benchmarks.studies.discretisation import Discretisation, Series
 
 Values = NDArray[np.float64]
 
@@ -34,41 +37,6 @@ SAMPLES_MM = 1.0
 QUANTITIES = ("tip_end_mm", "tip_path_mm", "entry_force_n", "push_n")
 
 
-@dataclass(frozen=True)
-class Series:
-    """Discretisations from coarse to fine; the middle one is the default. changes: of the scenario's blocks."""
-
-    name: str
-    sizes_mm: tuple[float, float, float]
-    changes: tuple[dict[str, Any], dict[str, Any], dict[str, Any]]
-
-
-@dataclass(frozen=True)
-class Discretisation:
-    """The default and what is varied around it; dt_s holds for all."""
-
-    element_size_mm: float
-    spacing_mm: float
-    dt_s: float
-    sizes_mm: tuple[float, float, float]
-    spacings_mm: tuple[float, float, float]
-
-    def series(self) -> tuple[Series, Series]:
-        """Meshes at the default spacing, and spacings on the default mesh."""
-        meshes = [{"tissue": {"element_size_mm": h}, **self._spacing(self.spacing_mm)} for h in self.sizes_mm]
-        spacings = [{"tissue": {"element_size_mm": self.element_size_mm}, **self._spacing(s)} for s in self.spacings_mm]
-        return (
-            Series("mesh", self.sizes_mm, (meshes[0], meshes[1], meshes[2])),
-            Series("spacing", self.spacings_mm, (spacings[0], spacings[1], spacings[2])),
-        )
-
-    @staticmethod
-    def _spacing(spacing_mm: float) -> dict[str, Any]:
-        return {"interaction": {"spacing_mm": spacing_mm}}
-
-
-FULL = Discretisation(6.0, 3.0, 0.04, (8.0, 6.0, 4.4), (4.5, 3.0, 2.0))
-QUICK = Discretisation(10.0, 5.0, 0.04, (15.0, 10.0, 8.0), (7.5, 5.0, 3.5))
 SINE = {"kind": "sine", "amplitude_mm": 1.0}
 PATHS: dict[str, dict[str, Any]] = {
     "line": {"kind": "line", "target_mm": [18.0, 31.0, 122.0]},
@@ -77,12 +45,16 @@ PATHS: dict[str, dict[str, Any]] = {
     "steep-73+y": {**SINE, "target_mm": [24.357, 59.23, 122.0], "direction": [0.0, 1.0, 0.0]},
 }
 SUITES = {"LIN": ("line",), "CUR": ("sine-x", "sine-y", "steep-73+y")}  # whose worst band a suite carries
-QUICK_SHARE = 0.12  # of the way to the target
 
 
 def convergence(ports: BenchPorts) -> Part:
-    """I-FEM once a path, then every discretisation under its base poses; bands of the default."""
+    """Bands of the default: under the same base poses, and of closed loops."""
     chosen = QUICK if ports.quick else FULL
+    return band_part(chosen.dt_s, replayed_bands(ports, chosen), SUITES, closed_loops(ports), chosen)
+
+
+def replayed_bands(ports: BenchPorts, chosen: Discretisation) -> list[PathBands]:
+    """I-FEM once a path, then every discretisation under its base poses."""
     sources: dict[str, tuple[Scenario, ObservedRun]] = {}
     for name in PATHS:
         ports.say(f"convergence: I-FEM along {name}, whose base poses are replayed")
@@ -99,11 +71,10 @@ def convergence(ports: BenchPorts) -> Part:
     with ports.crew(2) as crew:
         found = dict(zip(distinct, crew.run_many(list(distinct.values())), strict=True))
     runs = {key: found[scenario.model_dump_json(exclude={"name"})] for key, scenario in replays.items()}
-    bands = [
+    return [
         path_bands(name, chosen.series(), {key[1:]: run for key, run in runs.items() if key[0] == name}, scenario)
         for name, (scenario, _) in sources.items()
     ]
-    return band_part(chosen.dt_s, bands, SUITES)
 
 
 def path_scenario(name: str, chosen: Discretisation, *, quick: bool) -> Scenario:
@@ -135,6 +106,7 @@ def path_bands(
 ) -> PathBands:
     """Bands of every quantity along one path; the path ends where the shortest run does."""
     end_s = min(float(run.series["t_s"][-1]) for run in runs.values())
+    assert isinstance(scenario.trajectory, StraightTrajectory)
     speed = scenario.trajectory.speed_mm_s
     results = {key: quantities(run, end_s, speed) for key, run in runs.items()}
     bands = {}

@@ -7,11 +7,15 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 from benchmarks.measurements import Part, Table, figure
+from benchmarks.studies.closed_loop import loop_suite_bands
+from benchmarks.studies.closed_loop_report import PICTURE, loop_json, loop_markdown, loop_picture, loop_tables
 from benchmarks.svg_plot import Line, Panel, svg
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
 
+    from benchmarks.studies.closed_loop import LoopPath
+    from benchmarks.studies.discretisation import Discretisation
     from benchmarks.studies.grid_convergence import GridBand
 
 SCHEMA = "needlebench/convergence/1"
@@ -66,8 +70,14 @@ class PathBands:
     bands: Mapping[str, QuantityBand]
 
 
-def band_part(dt_s: float, paths: Sequence[PathBands], suites: Mapping[str, Sequence[str]]) -> Part:
-    """Everything that is written. suites: the paths whose worst band each carries."""
+def band_part(
+    dt_s: float,
+    paths: Sequence[PathBands],
+    suites: Mapping[str, Sequence[str]],
+    loops: Sequence[LoopPath],
+    chosen: Discretisation,
+) -> Part:
+    """Everything that is written. suites: the paths whose worst band each carries. loops: the closed loops."""
     table = _table(paths)
     worst = suite_bands(paths, suites)
     document = {
@@ -83,14 +93,21 @@ def band_part(dt_s: float, paths: Sequence[PathBands], suites: Mapping[str, Sequ
             }
             for path in paths
         },
+        "closed_loop": loop_json(loops, chosen),
     }
     files = {
         "convergence.json": json.dumps(document, indent=1, allow_nan=False) + "\n",
-        "convergence.md": _markdown(dt_s, table, worst),
+        "convergence.md": f"{_markdown(dt_s, table, worst)}\n{loop_markdown(loops)}",
         "convergence.svg": _picture(paths),
+        PICTURE: loop_picture(loops),
     }
-    figures = tuple(figure(f"convergence.{s}.tip_path_mm", "mm", [bands["tip_path_mm"]]) for s, bands in worst.items())
-    return Part(figures, (table,), files)
+    figures = [figure(f"convergence.{s}.tip_path_mm", "mm", [bands["tip_path_mm"]]) for s, bands in worst.items()]
+    figures += [
+        figure(f"convergence.{suite}.{quantity.replace(' ', '_')}_mm", "mm", [] if band is None else [band])
+        for suite, bands in loop_suite_bands(loops).items()
+        for quantity, band in bands.items()
+    ]
+    return Part(tuple(figures), (table, *loop_tables(loops)), files)
 
 
 def suite_bands(paths: Sequence[PathBands], suites: Mapping[str, Sequence[str]]) -> dict[str, dict[str, float]]:

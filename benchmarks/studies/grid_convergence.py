@@ -4,6 +4,11 @@ Roache 1994, Perspective: a method for uniform reporting of grid refinement stud
 observed order for unequal ratios after Celik et al. 2008, J. Fluids Eng. 130, 078001. A result may be a number or a
 curve: (k, m), rows that count alike; its size is the root of the mean square of its rows, and the order is of the curve
 as a whole.
+
+Where no order is believed there are two rules. `grid_band` has Roache's assumed order, and where results swing their
+range. `ranged_band` has three times their range in both cases: Eca and Hoekstra 2008, The numerical friction line,
+J. Mar. Sci. Technol. 13, 328-345, appendix 1, where convergence is not monotonic. Their procedure of 2014
+(J. Comput. Phys. 262, 104-130), which replaces it by least-squares fits, needs four grids.
 """
 
 from __future__ import annotations
@@ -25,6 +30,7 @@ SAFETY = 1.25  # on the error of the finest of three grids whose order was obser
 SAFETY_WITHOUT_ORDER = 3.0  # where the order is assumed, Roache
 ORDERS = (0.5, 2.0)  # an observed order outside is not believed; linear elements and lumped rows are of at most second
 ASSUMED_ORDER = 1.0
+RANGE_SAFETY = 3.0  # on the range of results without an order, Eca and Hoekstra
 
 
 @dataclass(frozen=True)
@@ -48,7 +54,7 @@ def size_of(values: Values) -> float:
 
 
 def grid_band(values: Sequence[Values], sizes: Sequence[float]) -> GridBand:
-    """Bands from results on three grids, coarse to fine, and their cell sizes.
+    """Roache's bands from results on three grids, coarse to fine, and their cell sizes.
 
     A result that swings has no order: its band is the largest difference between any two. Raises ValueError for other
     than three grids, or sizes that do not fall.
@@ -68,6 +74,30 @@ def grid_band(values: Sequence[Values], sizes: Sequence[float]) -> GridBand:
     used, safety = (order, SAFETY) if believed else (ASSUMED_ORDER, SAFETY_WITHOUT_ORDER)
     finest = safety * size_of(last) / (ratios[1] ** used - 1.0)
     return GridBand(order, swings=False, finest=finest, default=size_of(last) + finest)
+
+
+def ranged_band(values: Sequence[Values], sizes: Sequence[float]) -> GridBand:
+    """`grid_band` where it believes an observed order, else RANGE_SAFETY times the largest difference between any two.
+    For results that may scatter. Raises ValueError as it does."""
+    found = grid_band(values, sizes)
+    if found.order is not None and ORDERS[0] <= found.order <= ORDERS[1]:
+        return found
+    wide = RANGE_SAFETY * _range(values)
+    return GridBand(found.order, found.swings, finest=wide, default=wide)
+
+
+def two_grid_band(values: Sequence[Values], sizes: Sequence[float]) -> GridBand:
+    """Of two grids, coarse (the default) to fine, which show no order: RANGE_SAFETY times their difference. Raises
+    ValueError for other than two, or sizes that do not fall."""
+    if len(values) != 2 or len(sizes) != 2 or not sizes[0] > sizes[1] > 0.0:
+        raise ValueError(f"sizes {list(sizes)} of {len(values)} results: needs two that fall")
+    wide = RANGE_SAFETY * _range(values)
+    return GridBand(None, swings=False, finest=wide, default=wide)
+
+
+def _range(values: Sequence[Values]) -> float:
+    results = [np.asarray(value, float) for value in values]
+    return max(size_of(one - other) for one in results for other in results)
 
 
 def observed_order(change_ratio: float, coarse_ratio: float, fine_ratio: float) -> float:

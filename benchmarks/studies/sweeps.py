@@ -17,6 +17,7 @@ from benchmarks.builtin_scenarios import benchmark_scenario, with_blocks
 from benchmarks.observed_run import ObservedRun, observe
 from benchmarks.studies.replayed_poses import replay_block
 from benchmarks.studies.sweeps_report import VariantRow, study_part
+from simcore.scenario.scenario import StraightTrajectory
 
 if TYPE_CHECKING:
     from benchmarks.measurements import Part
@@ -131,6 +132,7 @@ def sweeps_study(ports: BenchPorts) -> Part:
     with ports.crew(2) as crew:
         results = dict(zip(distinct, crew.run_many(list(distinct.values())), strict=True))
     runs = {key: results[scenario.model_dump_json(exclude={"name"})] for key, scenario in scenarios.items()}
+    assert isinstance(base.trajectory, StraightTrajectory)
     speed_mm_s = base.trajectory.speed_mm_s
     rows = [row for sweep in studies for row in _rows(sweep, runs, speed_mm_s)]
     depth_runs = {label: runs["mesh", label] for label, _, _ in studies[0].values}

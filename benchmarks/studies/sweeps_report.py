@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 
 from benchmarks.measurements import Figure, Part, Table, figure
 from benchmarks.svg_plot import Line, Panel, svg
+from simcore.scenario.scenario import StraightTrajectory
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -164,6 +165,7 @@ def _picture(sweeps: Sequence[tuple[str, str, bool, bool]], rows: list[VariantRo
 
 
 def _depth_picture(base: Scenario, runs: dict[str, ObservedRun]) -> str:
+    assert isinstance(base.trajectory, StraightTrajectory)
     speed = base.trajectory.speed_mm_s
     panels = []
     for name, title in (

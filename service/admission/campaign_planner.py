@@ -9,7 +9,9 @@ from pydantic import BaseModel, ConfigDict, Field, StringConstraints, model_vali
 
 from benchmarks.grid.suite import grid
 from benchmarks.paper.suites import suite
+from service.admission.admission import checked_apart, names_mesh
 from service.admission.cost import TYPICAL_STEP_S, Cost, check_cost, time_limit_s
+from service.files.upload_names import UploadLookup
 from service.store.campaign import CampaignPlan, PlannedJob
 from service.store.job import TIME_LIMIT, Label, TimeLimit, content_hash
 from simcore.errors import Problem, ScenarioError
@@ -18,10 +20,9 @@ from simcore.scenario.presets import start
 from simcore.scenario.scenario import Scenario
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
+    from pathlib import Path
 
     from benchmarks.cases import Case, Suite
-    from service.files.upload_names import UploadLookup
     from service.settings import Limits
 
 MOST_POSES = 200_000  # inline, of all cases of a campaign together: about 10 MB
@@ -83,20 +84,31 @@ def suite_of(request: CampaignRequest) -> Suite:
 
 @dataclass(frozen=True)
 class Planner:
-    """Turns requests into campaigns. lookup: resolves the names of files in scenarios; limits: of each job."""
+    """Turns requests into campaigns. uploads: folder of the files that scenarios may name; limits: of each job."""
 
-    lookup: Callable[[], UploadLookup]
+    uploads: Path
     limits: Limits
 
     def plan(self, request: CampaignRequest) -> CampaignPlan:
-        """The campaign with all of its jobs. Raises ScenarioError, also for a job that would cost too much."""
-        with names_mean(lookup := self.lookup()):
-            plan = _plan(request, self.limits)
-        return replace(plan, uploads=tuple(sorted(lookup.used)))
+        """The campaign with all of its jobs. Raises ScenarioError, also for a job that would cost too much, and
+        AdmissionBusyError."""
+        asked = request.model_dump(mode="json", exclude_defaults=True)
+        if not names_mesh(asked):
+            return planned(request, self.uploads, self.limits)
+        told = checked_apart("campaign", asked, self.uploads, self.limits)
+        jobs = tuple(PlannedJob(**job) for job in told["jobs"])
+        return CampaignPlan(**{**told, "jobs": jobs, "uploads": tuple(told["uploads"])})
 
     def of_stored(self, request: dict[str, Any]) -> CampaignPlan:
         """The campaign of a stored request. Raises ScenarioError."""
         return self.plan(CampaignRequest.model_validate(request))
+
+
+def planned(request: CampaignRequest, uploads: Path, limits: Limits) -> CampaignPlan:
+    """`Planner.plan` in this process."""
+    with names_mean(lookup := UploadLookup(uploads)):
+        plan = _plan(request, limits)
+    return replace(plan, uploads=tuple(sorted(lookup.used)))
 
 
 def estimated_time_s(plan: CampaignPlan, *, step_s: float | None, workers: int) -> float:

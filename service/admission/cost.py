@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from simcore.errors import Problem, ScenarioError
-from simcore.scenario.controller_blocks import InverseFem, SeparateModel
+from simcore.scenario.controller_blocks import InverseFem, Remote, SeparateModel
 
 if TYPE_CHECKING:
     from service.settings import Limits
@@ -103,7 +103,11 @@ def cost_of(scenario: Scenario) -> Cost:
 
 
 def check_cost(scenario: Scenario, limits: Limits) -> Cost:
-    """The estimate. Raises ScenarioError, with it in the message, for a scenario beyond the limits."""
+    """The estimate. Raises ScenarioError, with it in the message, for a scenario beyond the limits, and for one that is
+    steered from outside of the service."""
+    if isinstance(scenario.controller, Remote):
+        where = "is steered by another program, which no service starts or lets in: use `needlebench run`, or Python"
+        raise ScenarioError([Problem("controller.kind", "remote", where)])
     cost = cost_of(scenario)
     mesh = "tissue.mesh_file" if scenario.tissue.mesh_file is not None else "tissue.element_size_mm"
     size = scenario.tissue.mesh_file or scenario.tissue.element_size_mm

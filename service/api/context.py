@@ -56,12 +56,12 @@ class Service:
         changes, monitor = Changes(), Monitor()
         store = Store(open_database(settings.database), limits=settings.limits)
         job_views = JobViewCache(store)
-        store.listen(job_views.forget, changes.notify)  # in this order: whoever is woken reads the new state
-        keys = Keys(store, environment_key=settings.api_key, always=not settings.loopback)
+        keys = Keys(store, environment_key=settings.api_key, always=settings.exposed)
         uploads = Uploads(settings.uploads, store, settings.limits)
         engine, campaigns = Engine(settings, store, monitor, uploads), CampaignStore(store)
+        store.listen(job_views.forget, engine.hear, changes.notify)  # in this order: who is woken reads the new state
         schedules = ScheduleStore(store, campaigns)
-        planner = Planner(uploads.lookup, settings.limits)
+        planner = Planner(settings.uploads, settings.limits)
         keeper = Keeper(
             campaigns,
             schedules,
@@ -91,6 +91,12 @@ class Service:
     def closing(self) -> bool:
         """Whether it takes no more work: it is draining or shutting down."""
         return self.changes.closed or self.engine.draining
+
+    def begin_to_stop(self) -> None:
+        """Tell everything that works or waits to end; nobody is waited for."""
+        self.engine.begin_to_stop()
+        self.keeper.begin_to_stop()
+        self.changes.close()
 
     def refuse_when_closing(self) -> None:
         """Raises HttpError 503 once no more work is taken."""

@@ -5,7 +5,7 @@ from __future__ import annotations
 # code -> (status, what it means); `docs/http_api.md` shows the table
 CODES: dict[str, tuple[int, str]] = {
     "bad-request": (400, "the request cannot be read"),
-    "bad-host": (400, "the request has no Host header, or more than one"),
+    "bad-host": (400, "the request has no Host header, more than one, or one that is no host"),
     "body-incomplete": (400, "the body ended early"),
     "json-invalid": (400, "the body is not JSON"),
     "key-missing": (401, "the key is missing, unknown or revoked"),
@@ -50,8 +50,9 @@ CODES: dict[str, tuple[int, str]] = {
     "queue-full": (429, "too many queued jobs"),
     "headers-too-long": (431, "the headers are too long"),
     "internal": (500, "an error of the service; its log has the details"),
+    "transfer-coding": (501, "the body is sent in a transfer coding other than chunked"),
     "unavailable": (503, "not available now"),
-    "busy": (503, "too many connections or large requests at once"),
+    "busy": (503, "too many connections, large requests or checks of meshes at once"),
     "closing": (503, "the service is shutting down"),
     "not-ready": (503, "the service cannot run jobs; `checks` says why"),
     "database-unavailable": (503, "the database cannot be used now; nothing was changed"),
@@ -75,6 +76,7 @@ _GENERAL = {
     422: "invalid",
     431: "headers-too-long",
     500: "internal",
+    501: "transfer-coding",
     503: "unavailable",
     507: "disk-full",
 }

@@ -15,6 +15,8 @@ from starlette.responses import Response
 from starlette.routing import Match
 
 from service.access import ForbiddenError
+from service.admission.admission import AdmissionBusyError
+from service.api.json_bodies import faults_of
 from service.api.problem_codes import CODES, code_of
 from service.files.disk import REFUSALS
 from service.files.intact import DamagedFileError
@@ -40,6 +42,8 @@ Handler = Callable[[Request, Exception], Response]
 MEDIA_TYPE = "application/problem+json"
 _NO_PAGES = ("/api/", "/recordings/", "/static/", "/viewer/")
 _SHOWN = 200  # characters of an offending value that are echoed
+_MOST_ERRORS = 50  # that are told one by one
+_MOST_DETAIL, _MOST_MESSAGE = 5000, 2000  # characters
 CODE_OF: dict[type[Exception], str] = {  # of errors whose own message is the detail
     ForbiddenError: "scope-missing",
     UnknownCampaignError: "campaign-unknown",
@@ -100,13 +104,14 @@ def problem_response(
         "title": _title(status),
         "status": status,
         "code": code_of(status, code),
-        "detail": detail,
+        "detail": detail if len(detail) <= _MOST_DETAIL else f"{detail[:_MOST_DETAIL]}...",
     }
     if instance is not None:
         body["instance"] = instance
     if errors is not None:
         body["errors"] = [
-            {"field": item.field, "value": echoed(item.value), "message": item.message} for item in errors
+            {"field": item.field[:_SHOWN], "value": echoed(item.value), "message": item.message[:_MOST_MESSAGE]}
+            for item in errors[:_MOST_ERRORS]
         ]
     body |= more or {}
     content = json.dumps(body, allow_nan=False)
@@ -133,10 +138,7 @@ def _json(value: Any) -> str:
 
 
 def _title(status: int) -> str:
-    try:
-        return http.HTTPStatus(status).phrase
-    except ValueError:
-        return "Error"
+    return http.HTTPStatus(status).phrase if status in {one.value for one in http.HTTPStatus} else "Error"
 
 
 def install(app: FastAPI, *, page: Callable[[Request, int, str, str], Response] | None = None) -> None:
@@ -209,7 +211,7 @@ def _methods_at(request: Request) -> list[str]:
 
 def _on_request(request: Request, error: Exception) -> Response:
     assert isinstance(error, RequestValidationError)
-    wrong = error.errors()
+    wrong = faults_of(error)
     broken = next((item for item in wrong if item["type"] == "json_invalid"), None)
     if broken is not None:
         reason = broken.get("ctx", {}).get("error", broken["msg"])
@@ -246,6 +248,10 @@ def _on_key(request: Request, error: Exception) -> Response:
 
 def _on_full(request: Request, error: Exception) -> Response:
     return _reply(request, 429, f"{error}; try again later", headers={"Retry-After": "10"}, code="queue-full")
+
+
+def _on_busy(request: Request, error: Exception) -> Response:
+    return _reply(request, 503, str(error), headers={"Retry-After": "10"}, code="busy")
 
 
 def _on_gone(request: Request, error: Exception) -> Response:
@@ -285,6 +291,7 @@ _HANDLERS: dict[type[Exception], Handler] = {
     ScenarioError: _on_scenario,
     KeyReusedError: _on_key,
     QueueFullError: _on_full,
+    AdmissionBusyError: _on_busy,
     UploadGoneError: _on_gone,
     InputGoneError: _on_input_gone,
     OperationalError: database_refusal,

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from pathlib import Path
 
 from starlette.datastructures import Headers
@@ -10,18 +11,28 @@ from starlette.responses import FileResponse, Response
 from starlette.types import Receive, Scope, Send
 
 from service.api.context import etag_matches
-from service.api.problems import HttpError
+from service.api.problems import HttpError, problem_response
 from service.files.intact import IntactFiles
 
 _INTACT = IntactFiles()
 
 
+_RANGES = re.compile(r"bytes=[ \t]*(?:(?:[0-9]+-[0-9]*|-[0-9]+)?[ \t]*(?:,[ \t]*|$))+", re.ASCII | re.IGNORECASE)
+
+_NO_RANGE = "the Range header is not a range of bytes, as in bytes=0-99"
+
+
 class _WholeOrRange(FileResponse):
-    """Ignores a Range header in a unit that it does not know, as HTTP asks for (RFC 9110, 14.2)."""
+    """Ignores a Range header in a unit that it does not know, as HTTP asks for (RFC 9110, 14.2), and refuses one whose
+    numbers are none of HTTP's, such as +1 or 1_0."""
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
-        unit = Headers(scope=scope).get("range", "bytes=").partition("=")[0].strip().lower()
-        if unit != "bytes":
+        asked = Headers(scope=scope).get("range")
+        if asked is not None and asked.partition("=")[0].strip().lower() == "bytes":
+            if _RANGES.fullmatch(asked) is None:
+                await problem_response(400, _NO_RANGE, instance=scope["path"])(scope, receive, send)
+                return
+        elif asked is not None:
             kept = [(name, value) for name, value in scope["headers"] if name != b"range"]
             scope = {**scope, "headers": kept}
         await super().__call__(scope, receive, send)

@@ -68,9 +68,10 @@ def bench(
 ) -> None:
     """Measure how fast the simulator is, what it costs and what its results owe to the discretisation.
 
-    Without a NAME everything that measures time or memory is run; `convergence`, `sweeps` and `forces` are studies and
-    are run when they are named. Times are also given in L0, a frozen unit measured in the same run: one back-solve of
-    SciPy's SuperLU and one pass of a plain force loop. Measure on a machine that does nothing else.
+    Without a NAME everything that measures time or memory is run; `convergence`, `work-precision`, `sweeps` and
+    `forces` are studies and are run when they are named. Times are also given in L0, a frozen unit measured in the same
+    run: one back-solve of SciPy's SuperLU and one pass of a plain force loop. Measure on a machine that does nothing
+    else.
 
     \b
     What there is:             needlebench bench --list
@@ -78,6 +79,7 @@ def bench(
     Two of them:               needlebench bench step recording
     What changed:              needlebench bench --compare before.json after.json
     Bands of the default mesh: needlebench bench convergence --out results/convergence
+    Which mesh is worth its time: needlebench bench work-precision --out results/work_precision
     Only whether it works:     needlebench bench micro --quick
     Did my change cost time:   git worktree add ../before main
                                needlebench bench --checkouts ../before .
@@ -105,7 +107,7 @@ def bench(
 
     if listed:
         for name, benchmark in BENCHMARKS.items():
-            click.echo(f"{name:<13}{benchmark.text}{' (when named)' if benchmark.study else ''}")
+            click.echo(f"{name:<16}{benchmark.text}{' (when named)' if benchmark.study else ''}")
         return
     _measure(select(names), json_file, folder, quick)
 
@@ -136,6 +138,8 @@ def _measure(names: list[str], json_file: Path | None, folder: Path, quick: bool
             crew=lambda workers: bench_crew(workers, Path(scratch), say),
             folder=Path(scratch),
             quick=quick,
+            kept=lambda name: _text_of(folder / name),
+            keep=lambda name, text: replace_atomically(folder / name, functools.partial(_fill, text)),
         )
         parts = run_suite(names, ports)
     report = document(parts, date=date, quick=quick, load_before=before, load_after=_load())
@@ -147,6 +151,10 @@ def _measure(names: list[str], json_file: Path | None, folder: Path, quick: bool
     for path, text in written.items():
         replace_atomically(path, functools.partial(_fill, text))
         click.echo(path)
+
+
+def _text_of(path: Path) -> str | None:
+    return path.read_text(encoding="utf-8") if path.exists() else None
 
 
 def _fill(text: str, file: BinaryIO) -> None:

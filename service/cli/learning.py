@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import importlib.util
 import shutil
 import sys
 import tempfile
@@ -24,7 +25,8 @@ if TYPE_CHECKING:
     from simcore.rollout.dataset import Dataset
 
 FILE = click.Path(dir_okay=False, path_type=Path)
-EXAMPLES = {"controller": "controller.txt", "mesh": "mesh.msh"}
+EXAMPLES = {"controller": "controller.txt", "remote": "remote.txt", "remote-cpp": "remote_cpp.txt", "mesh": "mesh.msh"}
+SCHEMA, LOOKS_AHEAD = "remote-schema", "mpc"
 
 
 def free_to_write(path: Path, *, force: bool) -> None:
@@ -223,16 +225,31 @@ def layers_of(text: str) -> list[int]:
 
 
 @click.command()
-@click.argument("name", type=click.Choice(list(EXAMPLES)))
+@click.argument("name", type=click.Choice([*EXAMPLES, LOOKS_AHEAD, SCHEMA]))
 def example(name: str) -> None:
     """Print an example that works as it is, as a starting point.
 
     \b
     A controller of your own: needlebench example controller > mine.py
                               python mine.py
+    One that looks ahead:     needlebench example mpc > mine.py
+    In another process:       needlebench example remote > mine.py
+    In another language:      needlebench example remote-cpp > mine.cpp
+    What they say, as schema: needlebench example remote-schema
     A mesh of your own:       needlebench example mesh > barrel.msh
 
     The mesh is a barrel with a domed top, in millimetres, with the groups top, side, base and tissue. The needle
     enters at the top, the origin, and goes down along +z.
     """
+    if name == SCHEMA:
+        from simcore.remote.messages import schema_text
+
+        click.echo(schema_text(), nl=False)
+        return
+    if name == LOOKS_AHEAD:
+        spec = importlib.util.find_spec("needlebench.mpc")  # read, not run: it would import the simulator
+        assert spec is not None
+        assert spec.origin is not None
+        click.echo(Path(spec.origin).read_text(encoding="utf-8"), nl=False)
+        return
     click.echo((Path(__file__).parent / "examples" / EXAMPLES[name]).read_text(encoding="utf-8"), nl=False)

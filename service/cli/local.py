@@ -57,8 +57,22 @@ def scenario(name: str | None, fields: bool) -> None:
     multiple=True,
     help="Change one field; VALUE is JSON, else a string. Repeatable, applied left to right.",
 )
+@click.option(
+    "--waypoints",
+    metavar="FILE",
+    type=click.Path(exists=True, dir_okay=False, path_type=Path),
+    help="Follow the smooth curve from the entry through the points of a .csv file: x_mm, y_mm, z_mm, one row a point.",
+)
 @click.option("--force", is_flag=True, help="Replace the result that the folder holds.")
-def run(source: str, folder: Path, changes: tuple[str, ...], force: bool) -> None:
+@click.option(
+    "--controller-command",
+    "command",
+    metavar="COMMAND",
+    help="For controller.kind = remote: start this beside the run; {address} in it is where the run waits.",
+)
+def run(
+    source: str, folder: Path, changes: tuple[str, ...], waypoints: Path | None, force: bool, command: str | None
+) -> None:
     """Run one insertion in this process and write its result.
 
     SCENARIO is a JSON file, the name of a built-in scenario, or - for JSON on standard input. Fields that it leaves
@@ -69,9 +83,16 @@ def run(source: str, folder: Path, changes: tuple[str, ...], force: bool) -> Non
     Softer tissue, no feedback: needlebench run demo --out results/soft \\
                                   --set tissue.young_kpa=3 --set controller.kind=open_loop
     Metrics only, no recording: needlebench run demo --out results/quick --set recording.enabled=false
+    Along points of your own:   needlebench run line --out results/mine --waypoints points.csv
     From another program:       generate | needlebench run - --out results/generated
 
     Setting a kind replaces its block by the defaults of that kind: set the kind first, then its fields.
+
+    \b
+    A controller in another program, any language (see `needlebench example remote`):
+      needlebench run demo --out results/mine --set controller.kind=remote \\
+        --controller-command "python mine.py {address}"
+    Without --controller-command the run waits for it: start it yourself.
 
     \b
     Exit code: 0 completed and successful
@@ -79,15 +100,18 @@ def run(source: str, folder: Path, changes: tuple[str, ...], force: bool) -> Non
                2 bad scenario or folder, 1 crash, 130 Ctrl-C: nothing is written
     """
     from service.cli.result_table import print_report
+    from service.local.remote import controller_beside
     from service.local.run import output_folder, run_into
     from simcore.scenario.presets import with_changes
     from simcore.scenario.scenario import Scenario
+    from simcore.scenario.waypoint_file import with_waypoints
 
-    chosen = Scenario.load(with_changes(read_source(source), list(changes)))
+    data = with_changes(read_source(source), list(changes))
+    chosen = Scenario.load(with_waypoints(data, waypoints) if waypoints else data)
     told = chosen.warnings()
     for warning in told:
         click.echo(f"needlebench: warning: {warning}", err=True)
-    with output_folder(folder, replace=force) as partial:
+    with output_folder(folder, replace=force) as partial, controller_beside(chosen, command):
         result, incomplete = run_into(partial, chosen, recording_id=uuid.uuid4().hex)
     found = [warning for warning in result["warnings"] if warning not in told]
     for warning in [*found, incomplete] if incomplete else found:

@@ -187,6 +187,7 @@ def read_scale(name: str, scales: Mapping[str, AnyScale]) -> AnyScale:
 def write_report(findings: Findings, plan: Plan, path: Path, *, wall_s: float, workers: int) -> Path:
     """report.html, report.json, insertions.csv, predictions.csv; the path of the first."""
     from benchmarks.paper import report
+    from benchmarks.paper.bands import bands_of
     from benchmarks.paper.pipeline import cpu_seconds, paper_outcomes
     from service.local.experiment import origin_of
     from service.local.paper_folder import write_text
@@ -203,7 +204,7 @@ def write_report(findings: Findings, plan: Plan, path: Path, *, wall_s: float, w
         scale=plan.scale.name,
         out=path,
         provenance=origin,
-        band_mm=plan.scale.band_mm,
+        bands=bands_of(plan.scale),
     )
     return path / report.HTML
 

@@ -68,10 +68,15 @@ class Engine:
         """The way of a running attempt so far; empty for any other."""
         return next((points for slot in self._slots if (points := slot.trace.points_of(job))), ())
 
-    def stop(self) -> None:
-        """End the workers; running jobs go back into the queue, without a crash counted against them."""
+    def begin_to_stop(self) -> None:
+        """Running jobs go back into the queue, without a crash counted against them, and the workers end; all slots at
+        once, and nobody is waited for."""
         self._stopping.set()
         self.wake()
+
+    def stop(self) -> None:
+        """As `begin_to_stop`; on return all of that is done."""
+        self.begin_to_stop()
         if self._watchdog.is_alive():
             self._watchdog.join()
         for slot in self._slots:
@@ -81,6 +86,11 @@ class Engine:
         """Wake idle slots."""
         with self._news:
             self._news.notify_all()
+
+    def hear(self, job_id: str) -> None:
+        """A job was changed: a slot that runs it asks whether it is to be cancelled. From any thread."""
+        for slot in list(self._slots):
+            slot.hear(job_id)
 
     @property
     def slots(self) -> int:

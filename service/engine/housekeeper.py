@@ -84,8 +84,12 @@ class Keeper(threading.Thread):
         """Whether the thread is gone after it was started."""
         return self.ident is not None and not self.is_alive()
 
+    def begin_to_stop(self) -> None:
+        """End the thread after what it is at; nobody is waited for."""
+        self._stopping.set()
+
     def stop(self) -> None:
         """End the thread; on return it is gone."""
-        self._stopping.set()
+        self.begin_to_stop()
         if self.is_alive():
             self.join()

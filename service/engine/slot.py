@@ -35,6 +35,7 @@ if TYPE_CHECKING:
 _log = logging.getLogger(ROOT)
 _TICK_S = 0.2
 _IDLE_S = 0.5
+_ASK_EVERY = 25  # ticks: whether a job is to be cancelled is told by the store, and asked now and then
 _FIRST_PAUSE_S, _LONGEST_PAUSE_S = 1.0, 30.0
 
 
@@ -52,13 +53,7 @@ class Slot(threading.Thread):
     that it runs, `trace` the way of that so far. `beats` goes up as long as the thread gets on, whatever it does."""
 
     def __init__(
-        self,
-        settings: Settings,
-        store: Store,
-        signals: Signals,
-        monitor: Monitor,
-        uploads: Uploads,
-        number: int,
+        self, settings: Settings, store: Store, signals: Signals, monitor: Monitor, uploads: Uploads, number: int
     ) -> None:
         super().__init__(name=f"slot-{number}", daemon=True)
         self._settings = settings
@@ -71,6 +66,7 @@ class Slot(threading.Thread):
         self._worker = WorkerProcess(settings.runner, settings.data / "warm.lock")
         self._abandoned = threading.Event()
         self._begun = 0.0
+        self._heard = True  # somebody else changed the job since it was asked whether it is to be cancelled
         self._next: Job | None = None  # claimed together with the end of the one before
         self._unpublished: tuple[str, ...] = ()  # jobs whose last change may not be on the disk yet
         self._job: Job | None = None
@@ -97,6 +93,11 @@ class Slot(threading.Thread):
     def ended(self) -> bool:
         """Whether the thread is gone after it was started."""
         return self.ident is not None and not self.is_alive()
+
+    def hear(self, job_id: str) -> None:
+        """A job was changed; by somebody else, unless it is this thread that says so."""
+        if job_id == self.job_id and threading.current_thread() is not self:
+            self._heard = True
 
     def abandon(self) -> None:
         """Another slot takes its place: end its worker, and the thread itself should it get on again."""
@@ -139,7 +140,7 @@ class Slot(threading.Thread):
                 self._news.wait(_IDLE_S)
         try:
             while job is not None:
-                self._job, self._begun = job, time.monotonic()
+                self._job, self._begun, self._heard = job, time.monotonic(), True
                 self._monitor.started(job)
                 _log.info("job %s: attempt %d begins", job.id, job.attempt, extra=named(job))
                 self._run_attempt(job)
@@ -201,7 +202,8 @@ class Slot(threading.Thread):
             _log.warning("job %s, attempt %d: %s", job.id, job.attempt, reason, extra=named(job))
             return lambda: self._store.requeue(job, reason=reason, crashed=True)
         if outcome is None:
-            self._worker.kill()
+            if self._abandoned.is_set():
+                self._worker.kill()
             return lambda: self._store.requeue(job, reason="the server was stopped", crashed=False)
         return lambda: self._finish(job, outcome)
 
@@ -209,14 +211,15 @@ class Slot(threading.Thread):
         """Until the attempt ends; None when the engine stops first. Raises WorkerDiedError."""
         folder = self._settings.data / job.folder
         watch = AttemptWatch(time.monotonic(), job.timeout_s, self._settings.limits.job_memory_mb)
+        reported = progress.ProgressReader(folder)
         while not self._ends:
             self.beats += 1
             ended = self._worker.wait(_TICK_S)
-            latest = progress.read(folder)
+            latest = reported.latest()
             if ended:
                 return outcome_of(job, self._collect(job), latest)
             due, beats = watch.due(time.monotonic(), latest), watch.beats(time.monotonic())
-            asks = self.beats % 2 == 0  # every 0.4 s
+            asks, self._heard = self._heard or self.beats % _ASK_EVERY == 0, False
             cancelled = publish_progress(self._store, self.trace, job, due, beats=beats, asks=asks)
             held_mb = self._worker.held_mb()
             if (ending := watch.ending(time.monotonic(), cancelled=cancelled, held_mb=held_mb)) is not None:

@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Any, Protocol, TypeVar
 import numpy as np
 
 from benchmarks.paper.plan import Stage, StagedPlan, StepCost, model_names, probes, steps
+from benchmarks.paper.scale import BAND_FIELDS
 from service.local.paper_folder import RECORDINGS, SERIES, PaperFolder, write_text
 from service.worker.insertion_job import RECORDING_RUNNER
 from service.worker.memory import available_mb
@@ -58,7 +59,7 @@ class ProgressListener(Protocol):
 
 def identity(plan: StagedPlan) -> dict[str, Any]:
     """What makes a run the same run; the content of run.json."""
-    scale = plan.scale.model_dump(mode="json", exclude={"band_mm"})  # may be set after the run
+    scale = plan.scale.model_dump(mode="json", exclude=BAND_FIELDS)  # may be set after the run
     return {"schema": plan.schema, "scale": scale, "plan_sha256": plan.sha256, "commit": commit()}
 
 

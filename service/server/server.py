@@ -5,6 +5,7 @@ from __future__ import annotations
 import contextlib
 import ctypes
 import errno
+import gc
 import os
 import signal
 import socket
@@ -18,6 +19,7 @@ from service.api.context import Service
 from service.files.endpoint import endpoint, make_token
 from service.files.lock import LockHeldError, file_lock
 from service.files.private import private_files, private_folder
+from service.server.last_resort import STOP_S, LastResort
 from service.server.uvicorn_overrides import Server
 from service.settings import DEFAULT_PORT, Settings, url_of
 from service.store.errors import DatabaseError
@@ -42,7 +44,8 @@ class ServiceStartError(NeedlebenchError):
 
 
 def serve(settings: Settings, *, announce: Callable[[str], None], until_stdin_closes: bool = False) -> None:
-    """Serve until SIGINT or SIGTERM; running jobs then end within `settings.drain_s` or go back into the queue.
+    """Serve until SIGINT or SIGTERM; running jobs then end within `settings.drain_s` or go back into the queue, and the
+    process ends within `last_resort.STOP_S` more, whatever its threads are at.
 
     announce: hears the address once the service listens. until_stdin_closes: end with the process
     that holds the other end of standard input. Raises ServiceStartError, SettingsError, ForeignDatabaseError.
@@ -60,7 +63,8 @@ def serve(settings: Settings, *, announce: Callable[[str], None], until_stdin_cl
             service = Service.open(settings)
         url = url_of(settings.host, listener.getsockname()[1])
         service.keys.take_local_token(make_token(settings.data))
-        server = Server(service, url, announce, most_connections=_connections(settings.connections))
+        last_resort = LastResort(STOP_S)
+        server = Server(service, url, announce, last_resort, most_connections=_connections(settings.connections))
         if until_stdin_closes:
             threading.Thread(target=_follow_stdin, args=(server,), daemon=True).start()
         previous = signal.signal(signal.SIGTERM, _exit)  # what uvicorn raises again once all is closed
@@ -70,6 +74,8 @@ def serve(settings: Settings, *, announce: Callable[[str], None], until_stdin_cl
             pass
         finally:
             signal.signal(signal.SIGTERM, previous)
+            last_resort.join_threads()
+            gc.freeze()  # else the interpreter looks at everything once more: seconds, where cores are busy
 
 
 def _connections(wanted: int) -> int:

@@ -27,6 +27,7 @@ if TYPE_CHECKING:
     from types import FrameType
 
     from service.api.context import Service
+    from service.server.last_resort import LastResort
 
 WRITTEN_FOR = ("uvicorn", "0.54", "0.55")  # from this version, below that one
 _log = logging.getLogger(logs.ROOT)
@@ -64,6 +65,7 @@ class Protocol(HttpToolsProtocol):
         self._deadline: asyncio.TimerHandle | None = None  # for the headers or the body of a request
         self._stall: asyncio.TimerHandle | None = None
         self._body_bytes = 0  # since the last look
+        self._headers_known = False  # of the request at hand
         self.waiting_since = self.loop.time()
         self._peer: Peer | None = None
 
@@ -148,11 +150,18 @@ class Protocol(HttpToolsProtocol):
     def on_message_begin(self) -> None:
         """A request begins: its headers must come soon."""
         super().on_message_begin()
+        self._headers_known = False
         if self._deadline is None and not self.transport.is_closing():
             self._await(self._limits.header_s, self._no_request)
 
+    def on_header(self, name: bytes, value: bytes) -> None:
+        """One field of the header; those after the body are dropped, which nobody has looked at who guards it."""
+        if not self._headers_known:
+            super().on_header(name, value)
+
     def on_headers_complete(self) -> None:
         """The request is known; what is waited for now is its body."""
+        self._headers_known = True
         self._take_target()
         self.scope[PEER] = self._peer  # type: ignore[literal-required]
         self._body_bytes = 0
@@ -207,11 +216,18 @@ class Protocol(HttpToolsProtocol):
 class Server(uvicorn.Server):
     """uvicorn, which announces where it listens, drains as long as the settings say and ends long polls at once.
 
-    announce: hears `url` once the service listens and the data folder says so. most_connections: at a time.
+    announce: hears `url` once the service listens and the data folder says so. last_resort: what bounds its shutdown.
+    most_connections: at a time.
     """
 
     def __init__(
-        self, service: Service, url: str, announce: Callable[[str], None], *, most_connections: int = 2000
+        self,
+        service: Service,
+        url: str,
+        announce: Callable[[str], None],
+        last_resort: LastResort,
+        *,
+        most_connections: int = 2000,
     ) -> None:
         limits = ConnectionLimits(connections=most_connections)
         config = uvicorn.Config(
@@ -228,6 +244,7 @@ class Server(uvicorn.Server):
         )
         super().__init__(config)
         self._service, self._url, self._announce = service, url, announce
+        self._last_resort = last_resort
         self._drain_until = -math.inf
 
     async def on_tick(self, counter: int) -> bool:
@@ -260,6 +277,7 @@ class Server(uvicorn.Server):
             self._announce(self._url)
 
     async def shutdown(self, sockets: list[socket.socket] | None = None) -> None:
-        """End long polls and live recordings, then the rest."""
-        self._service.changes.close()
+        """End jobs, streams, long polls and live recordings, all at once; then the rest."""
+        self._last_resort.begin()
+        self._service.begin_to_stop()
         await super().shutdown(sockets=sockets)

@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING, Any
 
 from sqlalchemy import Connection, Integer, Row, delete, func, insert, literal_column, select, update
 
-from service.files.upload_names import UploadLookup, references
+from service.files.upload_names import references
 from service.store.job import QUEUED, RUNNING, Job
 from service.store.paging import Page, read_page
 from service.store.schema import campaign, job, job_upload, schedule, upload
@@ -77,10 +77,6 @@ class Uploads:
         self.checking = asyncio.Semaphore(1)  # looking into files: one at a time
         for left in folder.glob(f"*{_PART}*"):  # by a server that died
             left.unlink(missing_ok=True)
-
-    def lookup(self) -> UploadLookup:
-        """What names mean in the scenario of one request."""
-        return UploadLookup(self.folder)
 
     def draft(self, suffix: str) -> Path:
         """A new name in the folder, for a file that is still coming in."""

@@ -5,7 +5,7 @@ from __future__ import annotations
 import secrets
 from functools import cache
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 from urllib.parse import parse_qs
 
 from fastapi import APIRouter, Query, Request
@@ -16,6 +16,7 @@ from starlette.responses import HTMLResponse, RedirectResponse, Response
 from service.access import SESSION_COOKIE
 from service.api.context import ServiceOf
 from service.api.middleware.key_guard import PEER
+from service.api.root_path import rooted, rooted_page
 from service.store.keys import SESSION_S
 from service.version import installed_version
 
@@ -51,8 +52,9 @@ async def log_in(request: Request, service: ServiceOf) -> Response:
     if token is None:
         return _form(form.get("next", "/"), problem=_WRONG)
     answer = RedirectResponse(inside(form.get("next", "/")), status_code=303)
-    secure = request.url.scheme == "https"
-    answer.set_cookie(SESSION_COOKIE, token, max_age=int(SESSION_S), httponly=True, samesite="strict", secure=secure)
+    secure = request.url.scheme == "https" or (service.settings.public_url or "").startswith("https:")
+    options: dict[str, Any] = {"path": rooted("/"), "httponly": True, "samesite": "strict", "secure": secure}
+    answer.set_cookie(SESSION_COOKIE, token, max_age=int(SESSION_S), **options)
     return answer
 
 
@@ -62,7 +64,7 @@ async def log_out(request: Request, service: ServiceOf) -> Response:
     if token := request.cookies.get(SESSION_COOKIE):
         await run_in_threadpool(service.keys.log_out, token)
     answer = RedirectResponse("/login", status_code=303)
-    answer.delete_cookie(SESSION_COOKIE, httponly=True, samesite="strict")
+    answer.delete_cookie(SESSION_COOKIE, path=rooted("/"), httponly=True, samesite="strict")
     return answer
 
 
@@ -89,7 +91,7 @@ async def _fields(request: Request) -> dict[str, str]:
 def _form(goal: str, *, problem: str = "") -> Response:
     nonce = secrets.token_urlsafe(16)
     page = templates().get_template("login.html")
-    html = page.render(nonce=nonce, goal=inside(goal), problem=problem, version=installed_version())
+    html = rooted_page(page.render(nonce=nonce, goal=inside(goal), problem=problem, version=installed_version()))
     policy = (
         f"default-src 'none'; style-src 'nonce-{nonce}'; img-src data:; form-action 'self'; "
         "base-uri 'none'; frame-ancestors 'none'"

@@ -12,6 +12,7 @@ from starlette.responses import HTMLResponse
 
 from benchmarks.paper.table import BESIDE
 from service.access import SESSION_COOKIE
+from service.api.root_path import root, rooted_page
 from service.display import shown, size_text
 from service.version import installed_version
 from service.web import assets, formatting
@@ -58,7 +59,7 @@ def page(request: Request, template: str, *, status: int = 200, **values: Any) -
     """A page of this service."""
     html = environment().get_template(template)
     logged_in = SESSION_COOKIE in request.cookies
-    text = html.render(path=request.url.path, logged_in=logged_in, **values)
+    text = rooted_page(html.render(path=request.url.path, root=root(), logged_in=logged_in, **values))
     return HTMLResponse(text, status_code=status, headers=HEADERS)
 
 

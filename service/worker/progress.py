@@ -38,13 +38,14 @@ class ProgressFile:
         self._written_step = -1
         self._current_target_m: NDArray[np.float64] | None = None  # (3,) world, of the latest step
         self._next_target_m: NDArray[np.float64] | None = None  # (3,) world, of the step to come
-        self._line_m: NDArray[np.float64] | None = None  # (p, 3) world; where the tissue carries the path, None
+        self._line_m: NDArray[np.float64] | None = None  # (p, 3) world; None: carried by the tissue, or no path
         self._started = self._written = clock()
 
     def begin(self, scene: Scene, first: StepRecord) -> None:
         """Write the first progress."""
         self._steps = scene.steps
-        self._line_m = scene.path_m if scene.scenario.trajectory.frame == "world" else None
+        trajectory = scene.scenario.trajectory
+        self._line_m = scene.path_m if trajectory.frame == "world" and trajectory.kind != "reach" else None
         self._started = self._clock()
         self._next_target_m = first.target_m.copy()
         self._take(first)
@@ -88,6 +89,26 @@ class ProgressFile:
         from simcore.trajectory import polyline_distance_m
 
         return None if self._line_m is None else round(polyline_distance_m(record.tip_m, self._line_m) * 1e3, 6)
+
+
+class ProgressReader:
+    """The last progress in `folder`, which is read when the file is another one than before: it is asked for often."""
+
+    def __init__(self, folder: Path) -> None:
+        self._folder, self._path = folder, folder / NAME
+        self._seen: tuple[int, int, int] | None = None
+        self._latest: dict[str, Any] | None = None
+
+    def latest(self) -> dict[str, Any] | None:
+        """As `read`."""
+        try:
+            found = self._path.stat()
+        except OSError:
+            return None
+        seen = (found.st_ino, found.st_mtime_ns, found.st_size)
+        if seen != self._seen:
+            self._seen, self._latest = seen, read(self._folder)
+        return self._latest
 
 
 def read(folder: Path) -> dict[str, Any] | None:

@@ -34,25 +34,43 @@ class Phase(IntEnum):
 class ChannelModel:
     """Spacing, ball quadrature and mesh: what the channel needs and a run never changes.
 
+    depths_m: (P - 1,) rest depths of the shaft's points: multiples of the spacing, and one the bevel's length deep,
+    since the load falls steeply there: what was cut before the bevel was in bears more than all that was cut later.
     inward: (3,) unit normal of the surface at the entry, into the tissue; it stays the normal of the contact.
     hard: points are rows without compliance, which lock where they are close: they begin a spacing behind X_c.
     """
 
     spacing_m: float
+    depths_m: Floats
     hard: bool
     ball: Ball
     rest_m: Floats
     inward: Floats
-    capacity: int
 
     @classmethod
     def of(
-        cls, *, spacing_m: float, spread_m: float, longest_m: float, mesh: Mesh, entry_m: Floats, hard: bool
+        cls,
+        *,
+        spacing_m: float,
+        bevel_m: float,
+        spread_m: float,
+        longest_m: float,
+        mesh: Mesh,
+        entry_m: Floats,
+        hard: bool,
     ) -> ChannelModel:
-        """longest_m: a bound on the rest length of the channel; elements are allocated once."""
-        ball = Ball.of_radius(spread_m, mesh)
-        inward = mesh.inward_normal(entry_m)
-        return cls(spacing_m, hard, ball, mesh.nodes_m, inward, int(longest_m / spacing_m) + 4)
+        """bevel_m: of the needle's tip. longest_m: a bound on the rest length of the channel; elements are allocated
+        once."""
+        ball, inward = Ball.of_radius(spread_m, mesh), mesh.inward_normal(entry_m)
+        depths = np.array([i * spacing_m for i in range(int(longest_m / spacing_m) + 3)])
+        if not hard and bevel_m < spacing_m:
+            depths = np.insert(depths, 1, bevel_m)
+        return cls(spacing_m, depths, hard, ball, mesh.nodes_m, inward)
+
+    @property
+    def capacity(self) -> int:
+        """How many elements there can be: X_c and the points of the shaft."""
+        return 1 + len(self.depths_m)
 
     @property
     def lag_m(self) -> float:

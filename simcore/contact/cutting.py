@@ -1,7 +1,8 @@
 """How the channel changes: puncture, cutting, creation and removal of constraint points (after Duriez et al. 2009).
 
 A point is created where the tip cuts, and stays there. It constrains at once; a hard one as soon as X_c is a spacing
-ahead. It is dropped, and taken up again, half a spacing behind the tip, where the length that it stands for is zero.
+ahead. It is dropped, and taken up again, when the tip is half-way to the point before it, where the length that it
+stands for is zero.
 """
 
 from __future__ import annotations
@@ -22,15 +23,14 @@ POINT_TOLERANCE_M = 1e-12  # a ball sits at its place to this; far below every c
 
 
 def advance_end(channel: Channel, model: ChannelModel, x: Floats, tip_m: Floats) -> None:
-    """Cutting: move X_c to the material point where the tip is now, and note every multiple of the spacing it passes.
+    """Cutting: move X_c to the material point where the tip is now, and note every point's depth that it passes.
 
     Afterwards p(X_c) = tip exactly, so that the next step begins without a gap.
     """
     before, start = channel.rest_m[0].copy(), channel.length_m
     after = _material_point(channel, model, 0, x, tip_m).copy()
     channel.depth_m[0] = start + float(np.linalg.norm(after - before))
-    while channel.count < model.capacity and channel.depth_m[0] >= (channel.count - 1) * model.spacing_m:
-        depth = (channel.count - 1) * model.spacing_m
+    while channel.count < model.capacity and channel.depth_m[0] >= (depth := model.depths_m[channel.count - 1]):
         share = (depth - start) / (channel.depth_m[0] - start)
         _append(channel, model, before + share * (after - before), depth)
 
@@ -132,9 +132,9 @@ def refresh_elements(
     """Create, drop and take up elements after a converged step; returns the largest lateral gap (m) taken up.
 
     Created: at once, or X_c is a spacing ahead of a hard one, which is moved sideways onto the shaft, so that it begins
-    without a force. Dropped: the tip is half a spacing behind it, at the entry as soon as the tip is outside. Taken up
-    again: there too, a hard one when the tip reaches it; X_c a quarter of a spacing earlier, so that no tip passes it
-    unnoticed.
+    without a force. Dropped: the tip is half-way to the point before it, at the entry as soon as the tip is outside.
+    Taken up again: there too, a hard one when the tip reaches it; X_c, dropped half a spacing behind, a quarter of a
+    spacing earlier, so that no tip passes it unnoticed.
     """
     length = element_length_m * (len(needle_x) - 1)
     end_dropped = channel.arc_m[0] > length + 0.5 * model.spacing_m
@@ -146,14 +146,14 @@ def refresh_elements(
             guess = min(channel.arc_m[j], length)
             channel.arc_m[j] = project(needle_x, needle_R, element_length_m, place, guess)
         behind = channel.arc_m[j] - length  # of the tip behind this element
-        if channel.active[j] and behind > (0.0 if j == 1 else 0.5 * model.spacing_m):
+        if channel.active[j] and behind > _dropped_m(channel, model, j):
             channel.active[j] = False
             channel.force_n[j] = 0.0
         elif not channel.created[j] and channel.depth_m[0] >= channel.depth_m[j] + ahead:
             channel.created[j] = channel.active[j] = behind <= 0.0
             if model.hard:
                 _onto_shaft(channel, model, j, x, needle_x, needle_R, element_length_m)
-        elif channel.created[j] and not channel.active[j] and behind <= _taken_up_m(model, j):
+        elif channel.created[j] and not channel.active[j] and behind <= _taken_up_m(channel, model, j):
             c, _, _, _, _ = shaft_frame(needle_x, needle_R, element_length_m, channel.arc_m[j])
             largest = max(largest, float(np.linalg.norm(c - channel.position(model, j, x))))
             channel.active[j] = True
@@ -161,11 +161,19 @@ def refresh_elements(
     return largest
 
 
-def _taken_up_m(model: ChannelModel, element: int) -> float:
+def _dropped_m(channel: Channel, model: ChannelModel, element: int) -> float:
+    """How far the tip may be behind an element that constrains: half-way to the one before, where the length that it
+    stands for ends."""
+    if element == 0:
+        return 0.5 * model.spacing_m
+    return 0.5 * float(channel.depth_m[element] - channel.depth_m[element - 1]) if element > 1 else 0.0
+
+
+def _taken_up_m(channel: Channel, model: ChannelModel, element: int) -> float:
     """How far the tip may be behind an element that constrains again."""
     if element == 0:
         return 0.25 * model.spacing_m
-    return 0.0 if model.hard or element == 1 else 0.5 * model.spacing_m
+    return 0.0 if model.hard else _dropped_m(channel, model, element)
 
 
 def _in_question(channel: Channel, needle_length_m: float) -> Ints:

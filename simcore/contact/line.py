@@ -28,14 +28,14 @@ SHORTEST_M = 1e-6  # a point that stands for less is as good as free
 
 class LineCoupling(NamedTuple):
     """What a run never changes. hard: shaft points lie on the shaft exactly, G = 0. compliance_m2_per_n: (3, 3) G,
-    world. free_tip: no lateral row at X_c. entry_m: length over which the entry holds a needle whose tip is hardly in,
-    its diameter: a bevel is no shorter. force_share_m_per_n: violation per force of the tolerances; a compliant row is
-    kept to either."""
+    world. free_tip: no lateral row at X_c. bevel_m: length over which the surface holds a needle that has just
+    touched it, its diameter: a bevel is no shorter. force_share_m_per_n: violation per force of the tolerances; a
+    compliant row is kept to either."""
 
     hard: bool
     compliance_m2_per_n: Floats
     free_tip: bool
-    entry_m: float
+    bevel_m: float
     force_share_m_per_n: float
 
 
@@ -77,6 +77,7 @@ def add_line_gap(
     line: LineCoupling,
     elements: Ints,
     tributary: Floats,
+    inserted: float,
     force: Floats,
     mode: Ints,
     breaks: Floats,
@@ -89,7 +90,7 @@ def add_line_gap(
     for i in range(len(elements)):
         if elements[i] == 0:
             continue
-        length = max(tributary[elements[i]], least_length(line, elements[i]))
+        length = coupled_length(line, elements[i], tributary[elements[i]], inserted)
         line_compliance(line, points.frames[i], length, points.compliance[i])
         compliance = points.compliance[i]
         for a in range(2):
@@ -105,9 +106,11 @@ def add_line_gap(
 
 
 @kernel
-def least_length(line: LineCoupling, element: int) -> float:
-    """m: what an element stands for at least; element 1 is the entry."""
-    return line.entry_m if element == 1 else SHORTEST_M
+def coupled_length(line: LineCoupling, element: int, tributary: float, inserted: float) -> float:
+    """m: what an element of a tributary length m stands for. The entry, element 1, has in addition what a tip that is
+    hardly in lacks to the bevel's length: the surface holds the bevel before the channel does."""
+    lacking = max(line.bevel_m - inserted, 0.0) if element == 1 else 0.0
+    return max(tributary + lacking, SHORTEST_M)
 
 
 @kernel

@@ -1,4 +1,4 @@
-"""What a controller sees and what it answers."""
+"""What a controller is made of, what it is asked, and what it answers."""
 
 from __future__ import annotations
 
@@ -6,6 +6,9 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Protocol, TypeVar
 
+import numpy as np
+
+from simcore.episode.observation import Observation
 from simcore.insertion.jacobian_fast import Linearisation
 
 if TYPE_CHECKING:
@@ -14,16 +17,7 @@ if TYPE_CHECKING:
     from simcore.scenario.scenario import Scenario
 
 Settings = TypeVar("Settings")
-
-
-@dataclass(frozen=True)
-class Observation:
-    """All that a controller may know at the beginning of step `step`; metres, world frame."""
-
-    step: int
-    base: Pose
-    tip_m: Floats  # (3,)
-    target_m: Floats  # (3,) with noise
+SEED_STREAM = 3  # of the scenario's seed: beside those of `episode.sensing`
 
 
 Model = Callable[[Observation], Linearisation]  # linearised about the step that led to the observation
@@ -57,3 +51,8 @@ class Setup:
         """The model to linearise, for a controller that `make_model` makes one for."""
         assert self.model is not None
         return self.model
+
+
+def seed_of_controller(seed: int) -> int:
+    """For what a controller draws itself, from the scenario's seed and independent of it; below 2^32."""
+    return int(np.random.SeedSequence([seed, SEED_STREAM]).generate_state(1)[0])

@@ -17,7 +17,7 @@ from simcore.scenario.build import insertion_of
 
 if TYPE_CHECKING:
     from simcore.arrays import Floats
-    from simcore.controllers.base import Observation
+    from simcore.episode.observation import Observation
     from simcore.insertion.insertion import InsertionState
     from simcore.scenario.scenario import FrozenJacobian, Scenario
 

@@ -14,7 +14,8 @@ from simcore.rotations import exp_map
 
 if TYPE_CHECKING:
     from simcore.arrays import Floats
-    from simcore.controllers.base import Controller, Model, Observation
+    from simcore.controllers.base import Controller, Model
+    from simcore.episode.observation import Observation
     from simcore.insertion.jacobian_fast import Linearisation
     from simcore.scenario.scenario import InverseFem
 

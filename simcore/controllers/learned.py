@@ -11,7 +11,7 @@ from simcore.learning import Regressor, load_model
 
 if TYPE_CHECKING:
     from simcore.arrays import Floats
-    from simcore.controllers.base import Observation
+    from simcore.episode.observation import Observation
     from simcore.insertion.state import Pose
     from simcore.scenario.scenario import Learned
 

@@ -11,7 +11,7 @@ from simcore.insertion.state import Pose
 
 if TYPE_CHECKING:
     from simcore.arrays import Floats
-    from simcore.controllers.base import Observation
+    from simcore.episode.observation import Observation
     from simcore.scenario.scenario import Scenario
 
 
@@ -26,7 +26,7 @@ class OpenLoopController:
         self.entry_m, self.needle_length_m = entry_m, needle_length_m
         self.chord_m = float(np.linalg.norm(chord))
         self.rotation = rotation_towards(chord / self.chord_m)
-        self.share_per_step = scenario.trajectory.speed_mm_s * 1e-3 * scenario.dt_s / path.length_m
+        self.share_per_step = scenario.trajectory.share_per_step(scenario.dt_s)
 
     def command(self, observation: Observation) -> Pose:
         """The base pose that would put a rigid needle's tip at the chord's point for this step."""

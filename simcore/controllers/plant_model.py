@@ -11,11 +11,12 @@ from simcore.insertion.jacobian_exact import linearise_exactly
 from simcore.insertion.jacobian_fast import Linearisation, linearise
 from simcore.insertion.jacobian_perturbation import Perturbation
 from simcore.scenario.build import insertion_of
+from simcore.scenario.controller_rules import needs_tissue
 from simcore.scenario.scenario import InverseFem, Scenario, SeparateModel
 
 if TYPE_CHECKING:
-    from simcore.controllers.base import Model, Observation
-    from simcore.scenario.controller_blocks import Controller
+    from simcore.controllers.base import Model
+    from simcore.episode.observation import Observation
 
 LastStep = Callable[[], tuple[InsertionState, InsertionState]]
 Derivative = Callable[[InsertionState, InsertionState], Linearisation]
@@ -28,13 +29,6 @@ def derivative(insertion: Insertion, settings: InverseFem) -> Derivative:
         return Perturbation(insertion, shift_m=shift, lever_arm_m=lever).linearise
     form = linearise_exactly if settings.derivative == "exact" else linearise
     return lambda _, state: form(insertion.model, state.solved)
-
-
-def needs_tissue(controller: Controller) -> bool:
-    """Whether the Jacobian that a controller asks for needs the tissue's side of each step: the exact one does."""
-    if not isinstance(controller, InverseFem):
-        return False
-    return controller.jacobian == "constraint" and controller.derivative == "exact"
 
 
 class Shared:

@@ -10,9 +10,10 @@ from simcore.controllers.ifem import inverse_fem
 from simcore.controllers.learned import LearnedController
 from simcore.controllers.open_loop import OpenLoopController
 from simcore.controllers.plugin import PluginController
+from simcore.controllers.remote import RemoteController
 from simcore.controllers.replay import ReplayController
 from simcore.controllers.rigid_needle import RigidNeedleController
-from simcore.scenario.scenario import FrozenJacobian, InverseFem, Learned, Plugin, Replay, RigidNeedle, Scenario
+from simcore.scenario.scenario import FrozenJacobian, InverseFem, Learned, Plugin, Remote, Replay, RigidNeedle, Scenario
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -29,6 +30,7 @@ FACTORIES: dict[str, Callable[[Setup], Controller]] = {
     "mlp": lambda s: LearnedController.load("mlp", s.settings(Learned), s.entry_m),
     "open_loop": lambda s: OpenLoopController(s.scenario, s.entry_m, s.needle_length_m),
     "replay": lambda s: ReplayController(s.settings(Replay)),
+    "remote": lambda s: RemoteController(s.settings(Remote), s.scenario, s.entry_m, s.needle_length_m),
     "plugin": lambda s: PluginController.load(s.settings(Plugin), s.scenario, s.entry_m, s.needle_length_m),
 }
 
@@ -36,6 +38,7 @@ FACTORIES: dict[str, Callable[[Setup], Controller]] = {
 def make_controller(scenario: Scenario, *, entry_m: Floats, needle_length_m: float, model: Model | None) -> Controller:
     """The controller of a scenario. model: from `make_model`; only I-FEM asks it.
 
-    Raises ScenarioError for a model file that cannot be used any more, PluginError for a plug-in that cannot be made.
+    Raises ScenarioError for a model file that cannot be used any more, ControllerError for a plug-in that cannot be
+    made and a remote controller that cannot be waited for.
     """
     return FACTORIES[scenario.controller.kind](Setup(scenario, entry_m, needle_length_m, model))

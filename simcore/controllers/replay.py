@@ -11,7 +11,7 @@ from simcore.rotations import matrix_from_quaternion
 from simcore.scenario.controller_rules import poses_of
 
 if TYPE_CHECKING:
-    from simcore.controllers.base import Observation
+    from simcore.episode.observation import Observation
     from simcore.scenario.scenario import Replay
 
 

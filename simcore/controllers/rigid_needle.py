@@ -11,7 +11,7 @@ from simcore.insertion.state import Pose
 
 if TYPE_CHECKING:
     from simcore.arrays import Floats
-    from simcore.controllers.base import Observation
+    from simcore.episode.observation import Observation
     from simcore.scenario.scenario import RigidNeedle, Scenario
 
 

@@ -21,8 +21,8 @@ import numpy as np
 from simcore.compiled import kernel
 from simcore.contact.channel import tributary_lengths
 from simcore.contact.kernels import moved_shaft, needle_right_sides
-from simcore.contact.line import least_length
-from simcore.insertion.line_tangent import Tributary, Turning, add_line_rows, projected_arcs
+from simcore.contact.line import coupled_length
+from simcore.insertion.line_tangent import Lengths, Turning, add_line_rows, projected_arcs
 from simcore.needle.model import factor_blocks, solve_blocks
 from simcore.needle.shaft import Shaft, shaft_columns, shaft_frame, shaft_weights
 
@@ -31,7 +31,7 @@ if TYPE_CHECKING:
     from simcore.insertion.model import CoupledModel
     from simcore.insertion.state import Bodies, SolvedStep
 
-TRIBUTARY_STEP_M = 1e-7  # tributary lengths are piecewise linear: a difference is their slope
+LENGTH_STEP_M = 1e-7  # tributary and coupled lengths are piecewise linear: a difference is their slope
 
 
 class ShaftPoints(NamedTuple):
@@ -134,12 +134,12 @@ def constraint_tangent(model: CoupledModel, solved: SolvedStep) -> ConstraintTan
     if contact:
         _surface_rows(model, solved, rows, per_ball)
         return ConstraintTangent(elements, rows[:, : 4 * a], per_ball, rows[:, 4 * a :], moves)
-    tributary = _tributary(model, solved, elements, points, slopes, (shaft, turn))
+    tributary, coupled = _lengths(model, solved, elements, points, slopes, (shaft, turn))
     if slides.any():
         _friction_rows(model, solved, slides, turn[:a], points.dc[:a], rows)
         _subtract_lengths(model, solved, slides, tributary, rows, per_ball)
     if not model.line.hard or model.line.free_tip:
-        add_line_rows(model, solved, Turning(points.dc[:a], turn[:a]), tributary, rows, per_ball)
+        add_line_rows(model, solved, Turning(points.dc[:a], turn[:a]), coupled, rows, per_ball)
     return ConstraintTangent(elements, rows[:, : 4 * a], per_ball, rows[:, 4 * a :], moves)
 
 
@@ -192,24 +192,33 @@ def _friction_rows(
     rows[3 * a :][slides] = law[slides]
 
 
-def _tributary(
+def _lengths(
     model: CoupledModel,
     solved: SolvedStep,
     elements: Ints,
     points: ShaftPoints,
     slopes: dict[int, float],
     changes: tuple[Floats, Floats],
-) -> Tributary:
-    """Tributary lengths of the active elements: they follow the inserted length, piecewise linearly."""
-    channel, active = solved.active.channel, solved.active.elements
+) -> tuple[Lengths, Lengths]:
+    """Of the active elements: the tributary lengths, and those that they are coupled over. Both follow the inserted
+    length, piecewise linearly."""
     inserted, by_ball = _inserted_row(model, solved, elements, points, slopes, changes)
-    longer, now = np.zeros(channel.count), np.zeros(channel.count)
-    for out, length in ((longer, solved.at.inserted_m + TRIBUTARY_STEP_M), (now, solved.at.inserted_m)):
-        tributary_lengths(channel.depth_m, channel.active, channel.count, length, out)
-    growth = ((longer - now) / TRIBUTARY_STEP_M)[active]
-    least = np.array([least_length(model.line, element) for element in active])
-    lengths = np.maximum(now[active], least)
-    return Tributary(lengths, now[active] < least, np.outer(growth, inserted), np.outer(growth, by_ball))
+    now = _lengths_at(model, solved, solved.at.inserted_m)
+    longer = _lengths_at(model, solved, solved.at.inserted_m + LENGTH_STEP_M)
+    tributary, coupled = (
+        Lengths(length, np.outer(growth, inserted), np.outer(growth, by_ball))
+        for length, growth in zip(now, (longer - now) / LENGTH_STEP_M, strict=True)
+    )
+    return tributary, coupled
+
+
+def _lengths_at(model: CoupledModel, solved: SolvedStep, inserted_m: float) -> Floats:
+    """(2, a) m: tributary and coupled lengths of the active elements if so much of the needle were in the channel."""
+    channel, active = solved.active.channel, solved.active.elements
+    tributary = np.zeros(channel.count)
+    tributary_lengths(channel.depth_m, channel.active, channel.count, inserted_m, tributary)
+    coupled = [coupled_length(model.line, element, tributary[element], inserted_m) for element in active]
+    return np.array([tributary[active], coupled])
 
 
 def _inserted_row(
@@ -240,7 +249,7 @@ def _subtract_lengths(
     model: CoupledModel,
     solved: SolvedStep,
     slides: Flags,
-    tributary: Tributary,
+    tributary: Lengths,
     rows: Floats,
     per_ball: Floats,
 ) -> None:

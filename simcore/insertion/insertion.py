@@ -135,10 +135,11 @@ class Insertion:
         model = replace(self.model, tolerances=tolerances)
         return Insertion(model, motion=self.motion, keeps_tissue=self.keeps_tissue)
 
-    def material_point_position(self, state: InsertionState, rest_m: Floats) -> Floats:
-        """(3,) m, world: where the tissue point at `rest_m` is now, by the shape functions of its tetrahedron."""
+    def material_point_position(self, x: Floats, rest_m: Floats) -> Floats:
+        """(3,) m, world: where the tissue point at `rest_m` is when the nodes are at x (n, 3) m, by the shape functions
+        of its tetrahedron."""
         nodes, weights = self.tissue.mesh.locate(rest_m)
-        moved: Floats = rest_m + weights @ (state.bodies.x[nodes] - self.tissue.mesh.nodes_m[nodes])
+        moved: Floats = rest_m + weights @ (x[nodes] - self.tissue.mesh.nodes_m[nodes])
         return moved
 
     def held_shift_m(self, state: InsertionState) -> Floats:

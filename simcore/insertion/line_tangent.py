@@ -2,7 +2,7 @@
 
 A shaft point obeys g + L F = 0 with L = P G P / l, P = I - tau tau^T, g = p - c(s) and F the force on the tissue,
 world; it is in contact at s + C F_tau / |c'| with C = tau G tau / l. All of it changes with dF, ds, with the shaft's
-turn and with the tributary length l. A free tip keeps P F = 0 in place of its lateral gap.
+turn and with the length l that it is coupled over. A free tip keeps P F = 0 in place of its lateral gap.
 """
 
 from __future__ import annotations
@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 
 if TYPE_CHECKING:
-    from simcore.arrays import Flags, Floats
+    from simcore.arrays import Floats
     from simcore.insertion.model import CoupledModel
     from simcore.insertion.state import SolvedStep
 
@@ -32,12 +32,10 @@ class Turning(NamedTuple):
         return tau, (self.change[i] - np.outer(tau, tau @ self.change[i])) / size, size
 
 
-class Tributary(NamedTuple):
-    """Lengths l (a,) m of the active elements, as far as the line's coupling goes, and whether they are the least that
-    it takes (a,); changes of the tributary lengths (a, k) by all unknowns and (a, 3p) by the balls."""
+class Lengths(NamedTuple):
+    """Lengths (a,) m of the active elements, and their changes (a, k) by all unknowns and (a, 3p) by the balls."""
 
     length_m: Floats
-    least: Flags
     change: Floats
     by_ball: Floats
 
@@ -51,14 +49,14 @@ def projected_arcs(solved: SolvedStep) -> Floats:
 
 
 def add_line_rows(
-    model: CoupledModel, solved: SolvedStep, turning: Turning, tributary: Tributary, rows: Floats, per_ball: Floats
+    model: CoupledModel, solved: SolvedStep, turning: Turning, coupled: Lengths, rows: Floats, per_ball: Floats
 ) -> None:
     """Add to the rows (4a, k) of `constraint_tangent`, gaps first, and to those by the balls (4a, 3p)."""
     for i, element in enumerate(solved.active.elements):
         if element != 0:
-            _add_gap(model, solved, i, turning, tributary, rows, per_ball)
+            _add_gap(model, solved, i, turning, coupled, rows, per_ball)
             if solved.at.mode[i] % 2 == 1:
-                _add_creep(model, solved, i, turning, tributary, rows, per_ball)
+                _add_creep(model, solved, i, turning, coupled, rows, per_ball)
         elif solved.active.free[i]:
             _free(solved, i, turning, rows, per_ball)
 
@@ -68,22 +66,21 @@ def _add_gap(
     solved: SolvedStep,
     i: int,
     turning: Turning,
-    tributary: Tributary,
+    coupled: Lengths,
     rows: Floats,
     per_ball: Floats,
 ) -> None:
     """d(L F) = L dF + (dP G P + P G dP) F / l - L F dl / l,  dP v = -dtau (tau . v) - tau (dtau . v)."""
     (tau, dtau, _), line, force = turning.axis(i), model.line.compliance_m2_per_n, solved.at.force_n[i]
-    length = tributary.length_m[i]
+    length = coupled.length_m[i]
     across = np.eye(3) - np.outer(tau, tau)
     pressed, compliance = line @ across @ force, across @ line @ across / length
     own = rows[3 * i : 3 * i + 3]
     own += (-dtau * (tau @ pressed) - np.outer(tau, pressed @ dtau)) / length
     own += across @ line @ (-dtau * (tau @ force) - np.outer(tau, force @ dtau)) / length
     own[:, 3 * i : 3 * i + 3] += compliance
-    if not tributary.least[i]:
-        own -= np.outer(compliance @ force, tributary.change[i] / length)
-        per_ball[3 * i : 3 * i + 3] -= np.outer(compliance @ force, tributary.by_ball[i] / length)
+    own -= np.outer(compliance @ force, coupled.change[i] / length)
+    per_ball[3 * i : 3 * i + 3] -= np.outer(compliance @ force, coupled.by_ball[i] / length)
 
 
 def _add_creep(
@@ -91,20 +88,19 @@ def _add_creep(
     solved: SolvedStep,
     i: int,
     turning: Turning,
-    tributary: Tributary,
+    coupled: Lengths,
     rows: Floats,
     per_ball: Floats,
 ) -> None:
     """d(s + C F_tau / |c'|) = 0 where it sticks; the row has ds already."""
     (tau, dtau, size), line, force = turning.axis(i), model.line.compliance_m2_per_n, solved.at.force_n[i]
-    length, row = tributary.length_m[i], 3 * len(solved.active.elements) + i
+    length, row = coupled.length_m[i], 3 * len(solved.active.elements) + i
     compliance, along = tau @ line @ tau / length, tau @ force
     rows[row] += (2.0 * along / length * (line @ tau) + compliance * force) @ dtau / size
     rows[row] -= compliance * along / size**2 * (tau @ turning.change[i])
     rows[row, 3 * i : 3 * i + 3] += compliance / size * tau
-    if not tributary.least[i]:
-        rows[row] -= compliance * along / (size * length) * tributary.change[i]
-        per_ball[row] -= compliance * along / (size * length) * tributary.by_ball[i]
+    rows[row] -= compliance * along / (size * length) * coupled.change[i]
+    per_ball[row] -= compliance * along / (size * length) * coupled.by_ball[i]
 
 
 def _free(solved: SolvedStep, i: int, turning: Turning, rows: Floats, per_ball: Floats) -> None:

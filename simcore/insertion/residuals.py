@@ -107,7 +107,7 @@ def residuals(
     local = to_local(points.frames, force)
     if not (contact or constants.line.hard):
         breaks = constraints.stair.breaks
-        add_line_gap(constants.line, elements, arrays.tributary_m, local, unknowns.mode, breaks, points)
+        add_line_gap(constants.line, elements, arrays.tributary_m, inserted, local, unknowns.mode, breaks, points)
         for i in range(len(elements)):
             unknowns.all_arcs_m[elements[i]] = points.arc[i]
     free_residual(arrays.held_n, arrays.damping_n, motion, constants.inertia, constants.unknown, arrays.right)

@@ -11,7 +11,7 @@ from simcore.contact.laws import Law, Staircase
 from simcore.insertion.compliance import Compliance
 from simcore.insertion.residuals import ResidualArrays
 from simcore.needle.beam import BeamForces
-from simcore.tissue.force_blocks import ForceBlocks
+from simcore.tissue.force_blocks import LANES, ROWS, ForceBlocks
 
 if TYPE_CHECKING:
     from simcore.arrays import Flags, Floats, Ints, Singles
@@ -87,6 +87,22 @@ class Residuals(NamedTuple):
     law_n: float
 
 
+@dataclass(frozen=True)
+class Kept:
+    """What of a workspace outlives a step, at one moment. Nothing in it is written again.
+
+    warm: (blocks, 9, lanes) rotations from which the next ones are iterated. factor, rotations (t, 9): the tissue's
+    factor and where it was made. columns (k, 3, unknowns), column_rest_m (P, 3), between_points (3P, 3P): with it.
+    """
+
+    warm: Floats
+    factor: Singles
+    rotations: Floats
+    columns: Singles
+    column_rest_m: Floats
+    between_points: Floats
+
+
 class Workspace:
     """Arrays that solving writes. Two of them outlive a step: the tissue's factor with its columns, and the rotations
     from which the next ones are iterated; results depend on both within the tolerances only."""
@@ -101,6 +117,33 @@ class Workspace:
         self.needle_rest = np.zeros((model.needle.elements + 1, 6))
         tributary_m = np.zeros(model.channel.capacity)
         self.arrays = ResidualArrays(self.held_n, self.damping_n, self.right, self.needle_rest, tributary_m, self.beams)
+
+    def kept(self) -> Kept:
+        """What outlives a step: with it, the steps that follow are the same to the bit."""
+        compliance = self.compliance
+        used = np.flatnonzero(compliance.columns.any(axis=(1, 2)))
+        return Kept(
+            warm=self._warm().copy(),
+            factor=compliance.factor,  # with its rotations replaced by a new one, never written
+            rotations=compliance.rotations,
+            columns=compliance.columns[: int(used[-1]) + 1 if used.size else 0].copy(),
+            column_rest_m=compliance.column_rest_m.copy(),
+            between_points=compliance.between_points.copy(),
+        )
+
+    def restore(self, kept: Kept) -> None:
+        """Go back to a moment of this or another workspace of the same model."""
+        compliance, count = self.compliance, len(kept.columns)
+        self._warm()[:] = kept.warm
+        compliance.factor, compliance.rotations = kept.factor, kept.rotations
+        compliance.columns[:count], compliance.columns[count:] = kept.columns, 0.0
+        compliance.column_rest_m[:] = kept.column_rest_m
+        compliance.between_points[:] = kept.between_points
+
+    def _warm(self) -> Floats:
+        """(blocks, 9, lanes) a view of the rotations of all blocks."""
+        warm: Floats = self.blocks.state.reshape(self.blocks.blocks, ROWS, LANES)[:, 9:18]
+        return warm
 
 
 @dataclass(frozen=True)

@@ -29,6 +29,7 @@ FORMATS: dict[str, tuple[str, Callable[[bytes], RawMesh]]] = {
     ".inp": ("Abaqus", read_abaqus),
 }
 MAXIMUM_TETS = 1_200_000
+MOST_NAMES = 4000  # of sets: nodes, elements and groups, each with a number and a name
 NAMES_SHOWN = 12
 
 
@@ -76,6 +77,8 @@ def read_body(data: bytes, suffix: str, wanted: tuple[str, ...] | None, unit_mm:
     unused = len(raw.points) - len(used)
     remarks = [*raw.remarks, *([f"{unused} points of no tetrahedron are left out"] if unused else [])]
     names = tuple(known_names(raw))
+    if len(names) > MOST_NAMES:
+        raise MeshFaultError(f"has {len(names)} names of sets, at most {MOST_NAMES} are allowed")
     if wanted is not None:
         return Body(points, tets, {name: _set(raw, name, used) for name in wanted}, names, tuple(remarks), {})
     sets, refused = {}, {}

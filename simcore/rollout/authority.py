@@ -17,7 +17,6 @@ if TYPE_CHECKING:
     from simcore.arrays import Floats
     from simcore.scenario.controller_blocks import Controller
 
-AUTHORITY_FLOOR = 0.02  # a base that moves fifty times as far as the tip steers nothing
 WEAK = 0.05  # [ours] below it the base moves sideways more than twenty times as far as the tip
 AUTHORITY = ("rcm_authority", "rcm_sigma_min")  # of a series: derived from its states and therefore not digested
 
@@ -34,26 +33,6 @@ def authority_arrays(authority: list[Floats], rows: int) -> dict[str, Floats]:
     smallest = np.full(rows, np.nan)
     smallest[known] = np.linalg.svd(found[known], compute_uv=False)[:, -1]
     return dict(zip(AUTHORITY, (found, smallest), strict=True))
-
-
-def lost_authority(authority: list[Floats]) -> str | None:
-    """That the authority has vanished, if it has: once above its floor, the smallest singular value fell to it or
-    below, or passed zero between two steps, where the determinant changes sign.
-
-    authority: (2, 2) of every state so far, NaN where it is unknown.
-    """
-    known = [one for one in authority if np.isfinite(one).all()]
-    if not known:
-        return None
-    sigma = np.linalg.svd(np.array(known), compute_uv=False)[:, -1]
-    if not (steered := np.flatnonzero(sigma > AUTHORITY_FLOOR)).size:
-        return None
-    first = int(steered[0])
-    turned = np.diff(np.sign(np.linalg.det(np.array(known[first:])))) != 0.0
-    if sigma[first:].min() > AUTHORITY_FLOOR and not turned.any():
-        return None
-    passed = "0" if turned.any() else f"{sigma[first:].min():.2g}"
-    return f"the RCM authority was lost: its smallest singular value passed {passed} and is {sigma[-1]:.2g} now"
 
 
 def authority_warnings(series: Mapping[str, NDArray[Any]], controller: Controller) -> list[str]:

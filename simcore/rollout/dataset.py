@@ -4,7 +4,7 @@
 | --- | --- | --- |
 | P | base_position_m | end-effector at the beginning of the step |
 | T | command_position_m | commanded position, before the robot's limits |
-| n | tip_m | tip at the beginning of the step |
+| n | tip_m | tip at the beginning of the step, as the controller saw it |
 | n~_traj | target_noisy_m | target that the controller saw |
 | Delta P | base_step_m | T - P: the outputs of the paper's ELM |
 | e~_p | tip_error_m | n~_traj - n: with P the inputs of the paper's ELM |
@@ -47,7 +47,7 @@ class DatasetError(NeedlebenchError, ValueError):
 def table_one(series: Mapping[str, NDArray[Any]]) -> Table:
     """The variables of table I, (steps, 3) m each, from a rollout's series."""
     base, command = series["base_position_m"][:-1], series["command_position_m"][1:]
-    tip, target = series["tip_m"][:-1], series["target_noisy_m"][:-1]
+    tip, target = series["tip_seen_m"][:-1], series["target_noisy_m"][:-1]
     return dict(zip(VARIABLES, (base, command, tip, target, command - base, target - tip), strict=True))
 
 

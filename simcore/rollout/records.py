@@ -48,6 +48,7 @@ class StepRecord:
     base_position_m: Floats  # (3,)
     base_rotation: Floats  # (4,) wxyz; identity = needle along +z
     tip_m: Floats  # (3,)
+    tip_seen_m: Floats  # (3,) as the controller sees it from this state on
     target_m: Floats  # (3,) n_traj(t), clean
     target_noisy_m: Floats  # (3,) what the controller saw
     command_position_m: Floats  # (3,) T of this step, before delay and the robot's limits

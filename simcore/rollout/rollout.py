@@ -10,34 +10,32 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from threadpoolctl import threadpool_limits
 
-from simcore.controllers import Observation, make_controller
-from simcore.controllers.plant_model import make_model, needs_tissue
+from simcore.controllers import make_controller
+from simcore.controllers.plant_model import make_model
 from simcore.controllers.remote_centre import rcm_authority
-from simcore.errors import ModelFailureError, Status
+from simcore.episode import CommandError, Episode
+from simcore.errors import ControllerError, ModelFailureError, Status
 from simcore.insertion.jacobian_fast import Linearisation, lateral_offset
 from simcore.metrics import metrics
 from simcore.needle.shaft import shaft_polyline
 from simcore.needle.stress import largest_strain
-from simcore.robot import DelayedCommands, limited_pose
-from simcore.rollout.endings import after_failure, after_step
 from simcore.rollout.records import Observer, Scene, Silent, StepRecord, StepTiming, sealed
 from simcore.rollout.result import Rollout
 from simcore.rollout.series import SeriesBuilder
 from simcore.rotations import quaternion_from_matrix
-from simcore.scenario.build import insertion_of, robot_limits
-from simcore.scenario.scenario import Scenario
+from simcore.scenario.scenario import Plugin, ReachTrajectory, Remote, Scenario
 from simcore.tissue.strain import strain_extremes
-from simcore.trajectory import Path, held_noise, polyline_distance_m, targets
+from simcore.trajectory import Path, polyline_distance_m
 
 if TYPE_CHECKING:
     from simcore.arrays import Floats
+    from simcore.episode import Observation
     from simcore.insertion.insertion import Insertion
     from simcore.insertion.state import Pose
     from simcore.mesh.mesh import MaterialPoints
 
 Clock = Callable[[], float]
 
-NOISE_HOLD_S = 0.01  # where the scenario names none
 SHAFT_POINTS_PER_BEAM = 3
 PATH_POINTS_APART_M = 0.5e-3  # in the tissue; the chords of a 1 mm sine over 120 mm then miss it by 0.1 um
 
@@ -84,31 +82,17 @@ def material_path(insertion: Insertion, path: Path) -> MaterialPoints:
 
 
 class _Loop:
-    """The loop's parts: targets, controller, robot, plant, records."""
+    """An episode and the controller of its scenario; targets, robot and plant are the episode's."""
 
     def __init__(self, scenario: Scenario, observer: Observer, clock: Clock) -> None:
         self.scenario, self.observer, self.clock = scenario, observer, clock
-        self.insertion = insertion_of(scenario, keeps_tissue=needs_tissue(scenario.controller))
-        self.limits = robot_limits(scenario.robot)
-        self.path = scenario.path()
-        self.steps = scenario.steps
-        speed = scenario.trajectory.speed_mm_s * 1e-3
-        self.targets_m = targets(self.path, speed_m_s=speed, dt_s=scenario.dt_s, steps=self.steps)
-        self.noise_m = held_noise(
-            np.random.default_rng(scenario.seed),
-            amplitude_m=scenario.noise_mm * 1e-3,
-            hold_s=scenario.noise_hold_s or NOISE_HOLD_S,
-            dt_s=scenario.dt_s,
-            steps=self.steps,
-        )
-        self.before = self.state = self.insertion.initial_state(self.path.first_tangent())
-        self.model = make_model(scenario, self.insertion, lambda: (self.before, self.state))
+        self.episode = episode = Episode(scenario, clock=clock)
+        self.insertion, self.path, self.steps = episode.insertion, scenario.path(), episode.steps
+        self.model = make_model(scenario, self.insertion, lambda: (episode.before, episode.state))
         self.carried_cross_track_m: list[float] = []
         self.entry_point = self.insertion.tissue.mesh.material(self.insertion.entry_m[None])
         self.response: Linearisation | None = None
-        self.authority: list[Floats] = []  # of each state that the controller was asked in, from row 0 on
         self.jacobian_s = 0.0
-        self.commands = DelayedCommands(self.state.base, scenario.delay_steps)
         self.controller = make_controller(
             scenario,
             entry_m=self.insertion.entry_m,
@@ -117,58 +101,63 @@ class _Loop:
         )
 
     def run(self) -> Rollout:
-        """The loop itself."""
-        series = SeriesBuilder(self.scene())
-        first = self._record(0, self.state.base, False, StepTiming(0.0, 0.0, 0.0))
+        """The loop itself; a controller that holds something lets go of it, whatever ends the loop."""
+        try:
+            return self._run()
+        finally:
+            if callable(close := getattr(self.controller, "close", None)):
+                close(self.episode.status, self.episode.message)
+
+    def _run(self) -> Rollout:
+        episode, series = self.episode, SeriesBuilder(self.scene())
+        seen = episode.observation
+        first = self._record(episode.state.base, seen, StepTiming(0.0, 0.0, 0.0))
         series.add(first, 0.0)
         self.observer.begin(series.scene, first)
-        status, message = self.state.report.status, self.state.report.message
         begun = self.clock()
-        for step in range(self.steps if status is Status.COMPLETED else 0):
-            record, status, message = self._advance(step)
-            if record is None:
+        while not episode.done:
+            made = episode.step_number
+            seen, command, command_s = self._advance(seen)
+            if command is None or episode.step_number == made:
                 break
+            record = self._record(command, seen, StepTiming(episode.plant_s, self.jacobian_s, command_s))
             started = self.clock()
             self.observer.step(record)
             series.add(record, self.clock() - started)
-            if status is not Status.COMPLETED:
-                break
-        rollout = self._finished(series, status, message, self.clock() - begun)
+        rollout = self._finished(series, self.clock() - begun)
         self.observer.end(rollout)
         return rollout
 
-    def _advance(self, step: int) -> tuple[StepRecord | None, Status, str]:
-        """Observe, command, wait for the delay, limit, step; no record if the step failed. A step that converged may
-        end the run as well."""
-        target = self._target(step)
-        observation = Observation(step, self.state.base, self.state.tip_m.copy(), target + self.noise_m[step])
+    def _advance(self, seen: Observation) -> tuple[Observation, Pose | None, float]:
+        """Ask the controller and step the episode: what is seen then, the command, and the time that it took, s. A
+        controller that fails ends the episode."""
+        episode = self.episode
         self.response, self.jacobian_s, started = None, 0.0, self.clock()
-        where = f"step {step + 1} of {self.steps}, depth {self.state.inserted_m * 1e3:.1f} mm"
         try:
-            command = self.controller.command(observation)
+            command = self.controller.command(seen)
         except ModelFailureError as failure:
-            return None, failure.status, f"{where}: the controller's model: {failure.message}"
+            episode.end(failure.status, f"the controller's model: {failure.message}")
+            return seen, None, 0.0
+        except ControllerError as error:
+            episode.end(Status.CONTROLLER_FAILED, str(error))
+            return seen, None, 0.0
         command_s = self.clock() - started - self.jacobian_s
-        self.authority.append(rcm_authority(self.response, observation.base.rotation))
-        base, limited = self.commands.due(command), False
-        if self.controller.limited:
-            base, limited = limited_pose(self.state.base, base, self.limits, self.scenario.dt_s)
-        started = self.clock()
-        state = self.insertion.step(self.state, base)
-        plant_s = self.clock() - started
-        if state.report.status is not Status.COMPLETED:
-            error_m = float(np.linalg.norm(observation.tip_m - target))
-            status, message = after_failure(self.insertion, self.state, state, error_m, self.authority)
-            return None, status, f"{where}: {message}"
-        self.before, self.state = self.state, state
-        if self.scenario.trajectory.frame == "tissue":
-            path = self.path_in_tissue.positions(state.bodies.x, self.insertion.tissue.mesh.nodes_m)
-            self.carried_cross_track_m.append(polyline_distance_m(state.tip_m, path))
-        timing = StepTiming(plant_s, self.jacobian_s, command_s)
-        error_m = float(np.linalg.norm(state.tip_m - target))
-        status, message = after_step(self.scenario, self.insertion, state, error_m, self.authority)
-        message = f"{where}: {message}" if message else ""
-        return self._record(step + 1, command, limited, timing), status, message
+        episode.authority.append(rcm_authority(self.response, seen.base.rotation))
+        try:
+            seen, _ = episode.step(command, limited=self.controller.limited)
+        except CommandError as error:
+            episode.end(Status.CONTROLLER_FAILED, f"controller {self._label} answered with {error.problem}")
+            return seen, None, 0.0
+        if self.path_in_tissue is not None:
+            path = self.path_in_tissue.positions(episode.state.bodies.x, self.insertion.tissue.mesh.nodes_m)
+            self.carried_cross_track_m.append(polyline_distance_m(episode.state.tip_m, path))
+        return seen, command, command_s
+
+    @property
+    def _label(self) -> str:
+        """What messages call the controller."""
+        settings = self.scenario.controller
+        return repr(settings.name if isinstance(settings, Plugin | Remote) else settings.kind)
 
     def _timed_model(self, observation: Observation) -> Linearisation:
         assert self.model is not None
@@ -177,17 +166,16 @@ class _Loop:
         self.jacobian_s = self.clock() - started
         return self.response
 
-    def _target(self, step: int) -> Floats:
-        """n_traj(t_step) (3,) m, world; a path in the tissue frame is carried by the deforming tissue."""
-        rest: Floats = self.targets_m[step]
-        if self.scenario.trajectory.frame == "world":
-            return rest
-        return self.insertion.material_point_position(self.state, rest)
+    @property
+    def has_path(self) -> bool:
+        """Whether there is more to follow than a target."""
+        return not isinstance(self.scenario.trajectory, ReachTrajectory)
 
     @cached_property
-    def path_in_tissue(self) -> MaterialPoints:
-        """The path as the tissue carries it."""
-        return material_path(self.insertion, self.path)
+    def path_in_tissue(self) -> MaterialPoints | None:
+        """The path as the tissue carries it; None if it is fixed in space, or there is none."""
+        carried = self.has_path and self.scenario.trajectory.frame == "tissue"
+        return material_path(self.insertion, self.path) if carried else None
 
     def scene(self) -> Scene:
         """What stays the same during the run."""
@@ -205,14 +193,14 @@ class _Loop:
         )
         return sealed(scene)
 
-    def _record(self, step: int, command: Pose, limited: bool, timing: StepTiming) -> StepRecord:
-        state, recording = self.state, self.scenario.recording
+    def _record(self, command: Pose, seen: Observation, timing: StepTiming) -> StepRecord:
+        episode, state, recording = self.episode, self.episode.state, self.scenario.recording
+        step = episode.step_number
         base = state.base
         mesh = self.insertion.tissue.mesh
         displacement = state.bodies.x - mesh.nodes_m
         strain = strain_extremes(state.bodies.x, mesh.tets, self.insertion.tissue.gradients)
         offset = lateral_offset(self.insertion.model, state.bodies, state.inserted_m)[0]
-        target = self._target(step)
         frame = step in (0, self.steps) or (recording.enabled and step % recording.every_steps == 0)
         record = StepRecord(
             step=step,
@@ -220,11 +208,12 @@ class _Loop:
             base_position_m=base.position_m.copy(),
             base_rotation=quaternion_from_matrix(base.rotation),
             tip_m=state.tip_m.copy(),
-            target_m=target.copy(),
-            target_noisy_m=target + self.noise_m[step],
+            tip_seen_m=seen.tip_m.copy(),
+            target_m=episode.targets.clean(step, state.bodies.x).copy(),
+            target_noisy_m=seen.target_m.copy(),
             command_position_m=command.position_m.copy(),
             command_rotation=quaternion_from_matrix(command.rotation),
-            limited=limited,
+            limited=episode.limited,
             depth_m=state.inserted_m,
             base_force_n=state.base_wrench[:3].copy(),
             base_torque_nm=state.base_wrench[3:].copy(),
@@ -250,22 +239,24 @@ class _Loop:
     def _entry_drag_m(self) -> float:
         """How far the needle has dragged the tissue at the entry along the surface; the held nodes' motion apart."""
         mesh, inward = self.insertion.tissue.mesh, self.insertion.model.channel.inward
-        place = self.entry_point.positions(self.state.bodies.x, mesh.nodes_m)[0]
-        drag = place - self.insertion.entry_m - self.insertion.held_shift_m(self.state)
+        state = self.episode.state
+        place = self.entry_point.positions(state.bodies.x, mesh.nodes_m)[0]
+        drag = place - self.insertion.entry_m - self.insertion.held_shift_m(state)
         return float(np.linalg.norm(drag - (drag @ inward) * inward))
 
     def _needle_stress_pa(self) -> float:
-        needle, b = self.insertion.needle, self.state.bodies
+        needle, b = self.insertion.needle, self.episode.state.bodies
         strain = largest_strain(b.needle_x, b.needle_R, needle.section, needle.outer_radius_m)
         return self.scenario.needle.young_gpa * 1e9 * strain
 
     def _shaft(self) -> Floats:
-        needle, b = self.insertion.needle, self.state.bodies
+        needle, b = self.insertion.needle, self.episode.state.bodies
         points = SHAFT_POINTS_PER_BEAM * needle.elements + 1
         return shaft_polyline(b.needle_x, b.needle_R, needle.element_length_m, points)
 
-    def _finished(self, builder: SeriesBuilder, status: Status, message: str, wall_s: float) -> Rollout:
-        series = builder.arrays(self.state.bodies.x, self.authority)
+    def _finished(self, builder: SeriesBuilder, wall_s: float) -> Rollout:
+        status, message = self.episode.status, self.episode.message
+        series = builder.arrays(self.episode.state.bodies.x, self.episode.authority)
         dt, done = self.scenario.dt_s, len(series["t_s"]) - 1
         return Rollout(
             scenario=self.scenario,
@@ -275,7 +266,7 @@ class _Loop:
             metrics=metrics(
                 status,
                 series,
-                self.path,
+                self.path if self.has_path else None,
                 dt_s=dt,
                 steps=self.steps,
                 success_mm=self.scenario.success_mm,

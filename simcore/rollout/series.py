@@ -20,6 +20,7 @@ _COPIED = (
     "base_position_m",
     "base_rotation",
     "tip_m",
+    "tip_seen_m",
     "target_m",
     "target_noisy_m",
     "command_position_m",

@@ -1,4 +1,4 @@
-"""The blocks of a scenario, field by field: with `controller_blocks` the only place where a default stands.
+"""The blocks of a scenario, field by field: with the other files of blocks the only places where a default stands.
 
 Each description ends with the tag of its default: [paper] Perrusi et al. 2021, [cited] published, [ours] our choice.
 """
@@ -11,7 +11,6 @@ import numpy as np
 from pydantic import BaseModel, ConfigDict, Field, StringConstraints
 
 from simcore.mesh.regions import BallRegion, BoxRegion, PlaneRegion
-from simcore.trajectory import Path
 
 SCHEMA: Literal["needlebench/scenario/1"] = "needlebench/scenario/1"
 HARD_SPACING_MM = 5.0  # closest hard rows
@@ -196,52 +195,6 @@ class Interaction(Block):
     )
 
 
-class StraightTrajectory(Block):
-    """A target that slides along a straight line."""
-
-    kind: Literal["line"] = Field(default="line", description="line or sine")
-    entry_mm: Triple = Field(
-        default=(18.0, 31.0, 0.0), description="on the face z = 0, inside its edges; on the surface of mesh_file [ours]"
-    )
-    entry_snap_mm: Number = bounded(
-        0.0, 0.0, 50.0, "how far entry_mm may be moved to the nearest point of the surface of mesh_file; 0 = not [ours]"
-    )
-    target_mm: Triple = Field(
-        default=(18.0, 31.0, 122.0), description="inside the block, at least 0.1 below the face z = 0 [paper: z = 122]"
-    )
-    speed_mm_s: Number = bounded(10.0, 0.1, 1000.0, "speed of the target along the path [paper]")
-    frame: Literal["world", "tissue"] = Field(
-        default="world",
-        description="world = path fixed in space, tissue = path carried by the deforming tissue [ours]",
-    )
-
-    def path(self) -> Path:
-        """The path in rest space, metres."""
-        return Path(np.array(self.entry_mm) * 1e-3, np.array(self.target_mm) * 1e-3)
-
-
-class SineTrajectory(StraightTrajectory):
-    """The straight line with a sine overlay across it."""
-
-    kind: Literal["sine"] = Field(default="sine", description="line or sine")  # type: ignore[assignment]
-    amplitude_mm: Number = bounded(1.0, 0.0, 20.0, "amplitude of the overlay [ours]")
-    periods: Number = bounded(1.0, 0.1, 10.0, "periods over the whole path [paper: one]")
-    direction: tuple[Component, Component, Component] = Field(
-        default=(1.0, 0.0, 0.0),
-        description="world vector of any length, made perpendicular to the path; each -1000 to 1000 [paper: +-x, +-y]",
-    )
-
-    def path(self) -> Path:
-        """The path in rest space, metres."""
-        return Path(
-            np.array(self.entry_mm) * 1e-3,
-            np.array(self.target_mm) * 1e-3,
-            self.amplitude_mm * 1e-3,
-            self.periods,
-            np.array(self.direction),
-        )
-
-
 class Still(Block):
     """The held nodes stay where they are."""
 
@@ -294,6 +247,5 @@ class Recording(Block):
     )
 
 
-Trajectory = Annotated[StraightTrajectory | SineTrajectory, Field(discriminator="kind")]
 Motion = Annotated[Still | Breathing, Field(discriminator="kind")]
 Name = Annotated[str, StringConstraints(min_length=1, max_length=100, pattern=r"^[\w .,:+()/-]+$")]

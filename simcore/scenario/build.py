@@ -33,6 +33,7 @@ def insertion_of(scenario: Scenario, *, keeps_tissue: bool = True) -> Insertion:
     assert interaction.spacing_mm is not None
     channel = ChannelModel.of(
         spacing_m=interaction.spacing_mm * 1e-3,
+        bevel_m=scenario.needle.outer_diameter_mm * 1e-3,
         spread_m=interaction.spread_mm * 1e-3,
         longest_m=needle.length_m,
         mesh=tissue.mesh,

@@ -7,10 +7,12 @@ from typing import Annotated, Any, Literal
 
 from pydantic import Field, JsonValue, StringConstraints, field_validator, model_validator
 
+from simcore.remote.link import LOOPBACK, Address
 from simcore.scenario.blocks import LEAST_SPACING_MM, MAXIMUM_STEPS, Block, Number, bounded
 
-KINDS = "ifem, elm, rigid, frozen, linear, neighbours, mlp, open_loop, replay or plugin"
+KINDS = "ifem, elm, rigid, frozen, linear, neighbours, mlp, open_loop, replay, plugin or remote"
 MAXIMUM_WRONG_POSES = 5_000  # that are described
+LOOK_AHEAD = 100  # coming targets in an observation
 MAXIMUM_SETTINGS = 100_000  # characters of a plug-in's settings as JSON
 
 DELAY = bounded(
@@ -219,9 +221,55 @@ class Plugin(Block):
     @field_validator("settings")
     @classmethod
     def _finite_and_short(cls, settings: dict[str, JsonValue]) -> dict[str, JsonValue]:
-        if len(json.dumps(settings, allow_nan=False)) > MAXIMUM_SETTINGS:
-            raise ValueError(f"must be at most {MAXIMUM_SETTINGS} characters of JSON")
-        return settings
+        return _short_settings(settings)
+
+
+def _short_settings(settings: dict[str, JsonValue]) -> dict[str, JsonValue]:
+    if len(json.dumps(settings, allow_nan=False)) > MAXIMUM_SETTINGS:
+        raise ValueError(f"must be at most {MAXIMUM_SETTINGS} characters of JSON")
+    return settings
+
+
+class Remote(Block):
+    """A controller in another process, in any language: the run waits for it and asks it in lock step, one line of JSON
+    each way a step. Not for the service."""
+
+    kind: Literal["remote"] = Field(default="remote", description=KINDS)
+    name: Annotated[str, StringConstraints(pattern=r"^[A-Za-z0-9][A-Za-z0-9._ -]{0,59}$")] = Field(
+        default="remote", description="what results call it: letters, digits, . _ - and blanks, at most 60 [ours]"
+    )
+    address: Annotated[str, StringConstraints(min_length=1, max_length=120)] = Field(
+        default=LOOPBACK, description="where the run waits for it: HOST:PORT on this machine, or unix:PATH [ours]"
+    )
+    connect_timeout_s: Number = bounded(60.0, 0.1, 86400.0, "s until it has connected and is ready [ours]")
+    step_timeout_s: Number = bounded(10.0, 0.001, 86400.0, "s until it has answered a step [ours]")
+    clock: Literal["simulated", "real"] = Field(
+        default="simulated",
+        description="simulated: the plant waits for an answer; real: it goes on for as many steps as the answer takes, "
+        "with the last command, so that no two runs are alike [ours]",
+    )
+    look_ahead: int = Field(
+        default=0,
+        strict=True,
+        ge=0,
+        le=LOOK_AHEAD,
+        description="how many coming targets it is told at each step; 0 to 100 [ours]",
+    )
+    settings: dict[str, JsonValue] = Field(
+        default={}, description="what it is told at the start; JSON of at most 100000 characters [ours]"
+    )
+    delay_s: Number = DELAY
+
+    @field_validator("address")
+    @classmethod
+    def _on_this_machine(cls, address: str) -> str:
+        Address.parse(address)
+        return address
+
+    @field_validator("settings")
+    @classmethod
+    def _finite_and_short(cls, settings: dict[str, JsonValue]) -> dict[str, JsonValue]:
+        return _short_settings(settings)
 
 
 Controller = Annotated[
@@ -234,6 +282,7 @@ Controller = Annotated[
     | SmallNetwork
     | OpenLoop
     | Replay
-    | Plugin,
+    | Plugin
+    | Remote,
     Field(discriminator="kind"),
 ]

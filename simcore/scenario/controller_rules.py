@@ -9,11 +9,11 @@ import numpy as np
 from simcore import plugins
 from simcore.arrays import Floats
 from simcore.errors import Problem
-from simcore.scenario.blocks import StraightTrajectory
-from simcore.scenario.controller_blocks import Controller, Learned, Plugin, Replay
+from simcore.scenario.controller_blocks import Controller, InverseFem, Learned, Plugin, Replay
 from simcore.scenario.held_parts import held_faces_of
 from simcore.scenario.pose_file import digest_of_poses, fault_of_poses, load_poses
 from simcore.scenario.suggestions import did_you_mean
+from simcore.scenario.trajectory_blocks import Guide, Timed
 
 CONDITIONS = ("dt_s", "tissue", "needle", "interaction", "motion")  # fields that a model was trained under
 NAMES = ("mesh_file",)  # of files, which their digests tell apart
@@ -31,6 +31,13 @@ def with_file_digest(controller: Controller) -> Controller:
 
     found = model_digest(controller.kind, controller.model, controller.model_sha256)
     return controller.model_copy(update={"model_sha256": found})
+
+
+def needs_tissue(controller: Controller) -> bool:
+    """Whether the Jacobian that a controller asks for needs the tissue's side of each step: the exact one does."""
+    if not isinstance(controller, InverseFem):
+        return False
+    return controller.jacobian == "constraint" and controller.derivative == "exact"
 
 
 def poses_of(replay: Replay) -> Floats:
@@ -85,7 +92,7 @@ def plugin_problems(controller: Controller) -> list[Problem]:
     ]
 
 
-def training_warnings(controller: Controller, trajectory: StraightTrajectory, conditions: dict[str, Any]) -> list[str]:
+def training_warnings(controller: Controller, trajectory: Guide, conditions: dict[str, Any]) -> list[str]:
     """Where a learned controller runs outside of what its model was trained on; one line for each field.
 
     conditions: the scenario's CONDITIONS as JSON data.
@@ -126,14 +133,16 @@ def _with_held_faces(tissue: dict[str, Any]) -> dict[str, Any]:
     return {**held, "fixed_faces": held_faces_of(held)}
 
 
-def _path_differences(path: StraightTrajectory, trained: dict[str, Any]) -> list[tuple[str, Any, str]]:
+def _path_differences(path: Guide, trained: dict[str, Any]) -> list[tuple[str, Any, str]]:
     before = trained.get("trajectory", {})
-    now = {"entry_mm": list(path.entry_mm), "speed_mm_s": path.speed_mm_s, "frame": path.frame}
+    now = {"entry_mm": list(path.entry_mm), "frame": path.frame}
+    if isinstance(path, Timed):
+        now["speed_mm_s"] = path.speed_mm_s
     found = [(f"trajectory.{k}", v, f"at {before[k]}") for k, v in now.items() if before.get(k, v) != v]
     box = trained.get("path_box_mm")
     if box is None:
         return found
     low, high = box
-    if not all(a <= x <= b for a, x, b in zip(low, path.target_mm, high, strict=True)):
-        found.append(("trajectory.target_mm", list(path.target_mm), f"between {low} and {high}"))
+    if not all(a <= x <= b for a, x, b in zip(low, path.end_mm, high, strict=True)):
+        found.append((path.end_field, list(path.end_mm), f"between {low} and {high}"))
     return found

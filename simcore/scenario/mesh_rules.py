@@ -11,8 +11,9 @@ from simcore.errors import Problem, ScenarioError
 from simcore.mesh.numbering import free_node_order, half_bandwidth
 from simcore.mesh.reader import digest_of, load_mesh
 from simcore.mesh.tet_mesh import TetMesh
-from simcore.scenario.blocks import StraightTrajectory, Tissue
+from simcore.scenario.blocks import Tissue
 from simcore.scenario.held_parts import held_of, held_problems, nothing_held, region_problems
+from simcore.scenario.trajectory_blocks import Guide
 from simcore.trajectory import Path
 
 ON_SURFACE_MM = 0.05  # how far the entry may be from the surface, and the path outside it
@@ -63,7 +64,7 @@ def _factor_problems(mesh: TetMesh, tissue: Tissue, held: Ints) -> list[Problem]
     return [Problem("tissue.mesh_file", tissue.mesh_file, allowed)]
 
 
-def snapped_entry_mm(tissue: Tissue, path: StraightTrajectory) -> tuple[float, float, float]:
+def snapped_entry_mm(tissue: Tissue, path: Guide) -> tuple[float, float, float]:
     """The point of the surface nearest to the entry, if it is no farther than entry_snap_mm; else the entry."""
     assert tissue.mesh_file is not None
     mesh = load_mesh(tissue.mesh_file, unit_mm=tissue.mesh_unit_mm, names=tissue.fixed_sets, sha256=tissue.mesh_sha256)
@@ -76,8 +77,10 @@ def snapped_entry_mm(tissue: Tissue, path: StraightTrajectory) -> tuple[float, f
     return x, y, z
 
 
-def path_problems(tissue: Tissue, path: Path) -> list[Problem]:
-    """The entry lies on the free surface, the path leads inwards and stays inside; lengths of the messages in mm."""
+def mesh_path_problems(tissue: Tissue, path: Path, end_field: str) -> list[Problem]:
+    """The entry lies on the free surface, the path leads inwards and stays inside; lengths of the messages in mm.
+
+    end_field: what messages call the end of the path."""
     assert tissue.mesh_file is not None
     mesh = load_mesh(tissue.mesh_file, unit_mm=tissue.mesh_unit_mm, names=tissue.fixed_sets, sha256=tissue.mesh_sha256)
     entry, end = (1e3 * path.entry_m).tolist(), (1e3 * path.end_m).tolist()
@@ -96,13 +99,13 @@ def path_problems(tissue: Tissue, path: Path) -> list[Problem]:
         allowed = (
             f"must be reached into the tissue; at the entry the path leads out of it (inward: {_mm(1e-3 * inward)})"
         )
-        return [Problem("trajectory.target_mm", end, allowed)]
+        return [Problem(end_field, end, allowed)]
     points = path.point(np.linspace(0.0, path.length_m, int(np.ceil(1e3 * path.length_m / PATH_STEP_MM)) + 1))
     outside = np.flatnonzero(1e3 * mesh.outside_by(points) > ON_SURFACE_MM)
     if not len(outside):
         return []
     allowed = f"must be reached inside the mesh; the path leaves it at {_mm(points[outside[0]])}"
-    return [Problem("trajectory.target_mm", end, allowed)]
+    return [Problem(end_field, end, allowed)]
 
 
 def _mm(point_m: Floats) -> str:

@@ -5,30 +5,25 @@ from __future__ import annotations
 import math
 from typing import TypeVar
 
-import numpy as np
-
 from simcore.errors import Problem
 from simcore.scenario.blocks import (
     MAXIMUM_CELLS,
     MAXIMUM_STEPS,
-    MINIMUM_DEPTH_MM,
-    STAND_OFF_MM,
     Breathing,
     Interaction,
     Needle,
-    SineTrajectory,
     Solver,
     Still,
-    StraightTrajectory,
     Tissue,
 )
 from simcore.scenario.controller_blocks import Controller, InverseFem, Replay
 from simcore.scenario.controller_rules import plugin_problems, pose_count, pose_problems
 from simcore.scenario.held_parts import block_problems, nothing_held, region_problems
+from simcore.scenario.path_rules import length_problems, path_problems
 from simcore.scenario.point_rules import point_problems, separate_model
-from simcore.trajectory import step_count
+from simcore.scenario.trajectory_blocks import Guide
 
-AnyTrajectory = TypeVar("AnyTrajectory", bound=StraightTrajectory)
+AnyTrajectory = TypeVar("AnyTrajectory", bound=Guide)
 
 
 def problems_between(
@@ -36,7 +31,7 @@ def problems_between(
     tissue: Tissue,
     needle: Needle,
     interaction: Interaction,
-    trajectory: StraightTrajectory,
+    trajectory: Guide,
     motion: Still | Breathing,
     controller: Controller,
     solver: Solver,
@@ -48,8 +43,8 @@ def problems_between(
         *point_problems(needle, interaction, tissue, separate_model(controller)),
         *_tissue_problems(tissue),
         *(
-            _path_problems(trajectory, tissue)
-            or [*_length_problems(trajectory, needle), *_step_problems(steps_along(trajectory, controller, dt_s), dt_s)]
+            path_problems(trajectory, tissue, needle)
+            or [*length_problems(trajectory, needle), *_step_problems(steps_along(trajectory, controller, dt_s), dt_s)]
         ),
         *_motion_problems(motion),
         *pose_problems(controller),
@@ -60,11 +55,9 @@ def problems_between(
     ]
 
 
-def steps_along(trajectory: StraightTrajectory, controller: Controller, dt_s: float) -> int:
-    """Number of steps: the replay's poses, or ceil(path length / (speed dt))."""
-    if isinstance(controller, Replay):
-        return pose_count(controller)
-    return step_count(trajectory.path().length_m, trajectory.speed_mm_s * 1e-3, dt_s)
+def steps_along(trajectory: Guide, controller: Controller, dt_s: float) -> int:
+    """Number of steps: the replay's poses, or what the trajectory takes."""
+    return pose_count(controller) if isinstance(controller, Replay) else trajectory.steps(dt_s)
 
 
 def delay_steps(controller: Controller, dt_s: float) -> int:
@@ -114,70 +107,6 @@ def _tissue_problems(tissue: Tissue) -> list[Problem]:
             allowed = "must be left out: it belongs to tissue.mesh_file, which is not given"
             problems.append(Problem(f"tissue.{name}", value, allowed))
     return problems
-
-
-def _path_problems(path: StraightTrajectory, tissue: Tissue) -> list[Problem]:
-    size = tissue.size_mm
-    if tissue.mesh_file is not None:
-        return _mesh_path_problems(path, tissue)
-    if path.entry_snap_mm != 0.0:
-        allowed = "must be 0: it belongs to tissue.mesh_file, which is not given"
-        return [Problem("trajectory.entry_snap_mm", path.entry_snap_mm, allowed)]
-    x, y, z = path.entry_mm
-    if z != 0.0 or not (0.0 < x < size[0] and 0.0 < y < size[1]):
-        allowed = f"must lie on the face z = 0, inside 0 < x < {size[0]:g}, 0 < y < {size[1]:g}"
-        return [Problem("trajectory.entry_mm", list(path.entry_mm), allowed)]
-    tx, ty, tz = path.target_mm
-    if not (0.0 < tx < size[0] and 0.0 < ty < size[1] and MINIMUM_DEPTH_MM <= tz <= size[2]):
-        inside = f"0 < x < {size[0]:g}, 0 < y < {size[1]:g}, {MINIMUM_DEPTH_MM:g} <= z <= {size[2]:g}"
-        return [Problem("trajectory.target_mm", list(path.target_mm), f"must lie below the entry, inside {inside}")]
-    return block_problems(tissue, path.entry_mm) or _overlay_problems(path, tissue)
-
-
-def _mesh_path_problems(path: StraightTrajectory, tissue: Tissue) -> list[Problem]:
-    length = math.dist(path.entry_mm, path.target_mm)
-    if length < MINIMUM_DEPTH_MM:
-        allowed = f"is {length:.3g} mm from trajectory.entry_mm; it must be at least {MINIMUM_DEPTH_MM:g}"
-        return [Problem("trajectory.target_mm", list(path.target_mm), allowed)]
-    from simcore.scenario.mesh_rules import path_problems
-
-    return _direction_problems(path) or path_problems(tissue, path.path())
-
-
-def _direction_problems(path: StraightTrajectory) -> list[Problem]:
-    if not isinstance(path, SineTrajectory):
-        return []
-    chord = np.subtract(path.target_mm, path.entry_mm)
-    across = np.linalg.norm(np.cross(path.direction, chord))
-    if across <= 1e-9 * np.linalg.norm(path.direction) * np.linalg.norm(chord):
-        return [
-            Problem(
-                "trajectory.direction",
-                list(path.direction),
-                "must be a vector across the path, neither zero nor along it",
-            )
-        ]
-    return []
-
-
-def _overlay_problems(path: StraightTrajectory, tissue: Tissue) -> list[Problem]:
-    if not isinstance(path, SineTrajectory):
-        return []
-    if problems := _direction_problems(path):
-        return problems
-    points = path.path().curve(np.linspace(0.0, 1.0, 1001))
-    low, high = points.min(axis=0), points.max(axis=0)
-    if (low < -1e-12).any() or (high > np.array(tissue.size_mm) * 1e-3 + 1e-12).any():
-        return [Problem("trajectory.amplitude_mm", path.amplitude_mm, "must keep the whole path inside the block")]
-    return []
-
-
-def _length_problems(path: StraightTrajectory, needle: Needle) -> list[Problem]:
-    length = 1e3 * path.path().length_m
-    if needle.length_mm >= length + STAND_OFF_MM - 1e-9:
-        return []
-    allowed = f"must be at least {length + STAND_OFF_MM:.6g} (path {length:.6g} plus stand-off {STAND_OFF_MM:g})"
-    return [Problem("needle.length_mm", needle.length_mm, allowed)]
 
 
 def _step_problems(steps: int, dt_s: float) -> list[Problem]:

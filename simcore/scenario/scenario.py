@@ -6,6 +6,7 @@ import json
 import re
 from typing import Annotated, Any, Literal, Self
 
+import numpy as np
 from pydantic import ConfigDict, Field, ValidationError, model_validator
 
 from simcore.errors import Problem, ScenarioError
@@ -24,12 +25,9 @@ from simcore.scenario.blocks import (
     Number,
     Recording,
     Robot,
-    SineTrajectory,
     Solver,
     Still,
-    StraightTrajectory,
     Tissue,
-    Trajectory,
     bounded,
 )
 from simcore.scenario.controller_blocks import (
@@ -42,6 +40,7 @@ from simcore.scenario.controller_blocks import (
     Neighbours,
     OpenLoop,
     Plugin,
+    Remote,
     Replay,
     RigidNeedle,
     SeparateModel,
@@ -59,6 +58,15 @@ from simcore.scenario.rules import (
     with_entry,
     with_mesh,
 )
+from simcore.scenario.sensing import Sensing, sensing_problems
+from simcore.scenario.trajectory_blocks import (
+    ArcTrajectory,
+    ReachTrajectory,
+    SineTrajectory,
+    StraightTrajectory,
+    Trajectory,
+    WaypointTrajectory,
+)
 from simcore.scenario.validation import problems_of
 from simcore.trajectory import Path
 
@@ -68,6 +76,7 @@ __all__ = [
     "MINIMUM_DEPTH_MM",
     "SCHEMA",
     "STAND_OFF_MM",
+    "ArcTrajectory",
     "Breathing",
     "ExtremeLearning",
     "FrozenJacobian",
@@ -79,11 +88,14 @@ __all__ = [
     "Neighbours",
     "OpenLoop",
     "Plugin",
+    "ReachTrajectory",
     "Recording",
+    "Remote",
     "Replay",
     "RigidNeedle",
     "Robot",
     "Scenario",
+    "Sensing",
     "SeparateModel",
     "SharedModel",
     "SineTrajectory",
@@ -92,8 +104,14 @@ __all__ = [
     "Still",
     "StraightTrajectory",
     "Tissue",
+    "WaypointTrajectory",
 ]
 
+LARGEST_SEED = 2**53 - 1  # what JSON readers keep exactly
+SHARED_WITH_SENSING = (
+    "controller.model.kind = shared: the Jacobian is that of the plant as it is, whatever sensing does to the tip; "
+    "separate has a model of its own"
+)
 SHORT_MM = 1.0  # a path so short was probably written in metres
 
 
@@ -111,7 +129,7 @@ class Scenario(Block):
         default=SCHEMA, alias="schema", description="version of this format"
     )
     name: Name = Field(default="unnamed", description="1 to 100 letters, digits, spaces and . , : + ( ) / - _")
-    seed: Annotated[int, Field(strict=True)] = Field(default=0, ge=0, le=2**53 - 1, description="0 to 2^53 - 1")
+    seed: Annotated[int, Field(strict=True)] = Field(default=0, ge=0, le=LARGEST_SEED, description="0 to 2^53 - 1")
     dt_s: Number = bounded(0.01, 1e-4, 0.1, "time step [ours]")
     noise_mm: Number = bounded(
         0.0, 0.0, 5.0, "uniform noise of the target per axis, held for noise_hold_s [paper: 0.25 in training]"
@@ -130,6 +148,7 @@ class Scenario(Block):
     needle: Needle = Field(default=Needle(), description="the flexible tube that the robot holds")
     interaction: Interaction = Field(default=Interaction(), description="forces between needle and tissue")
     trajectory: Trajectory = Field(default=StraightTrajectory(), description="what the tip is asked to follow")
+    sensing: Sensing = Field(default=Sensing(), description="how the tip is seen")
     motion: Motion = Field(default=Still(), description="how the held nodes of the tissue move")
     robot: Robot = Field(default=Robot(), description="speed limits of the needle's base")
     controller: Controller = Field(default=InverseFem(), description="what steers the base")
@@ -155,7 +174,8 @@ class Scenario(Block):
         settle(self, "interaction", with_spacing(self.interaction, self.tissue))
         controller = with_model_spacing(self.controller, self.interaction, self.tissue)
         settle(self, "controller", with_file_digest(controller))
-        problems = problems_between(
+        problems = [*hold_problems(self.noise_hold_s, self.dt_s), *sensing_problems(self.sensing, self.dt_s)]
+        problems += problems_between(
             tissue=self.tissue,
             needle=self.needle,
             interaction=self.interaction,
@@ -164,15 +184,15 @@ class Scenario(Block):
             controller=self.controller,
             solver=self.solver,
             dt_s=self.dt_s,
-        ) + hold_problems(self.noise_hold_s, self.dt_s)
+        )
         if problems:
             raise ScenarioError(problems)
         return self
 
     @classmethod
     def load(cls, data: Any) -> Scenario:
-        """Validate a JSON value (dict), a JSON text, or the name of a built-in scenario. Raises ScenarioError, which
-        names every wrong field.
+        """Validate a JSON value (dict, in which arrays of numpy count as lists), a JSON text, or the name of a built-in
+        scenario. Raises ScenarioError, which names every wrong field.
 
         Files that it names are looked up as `simcore.file_names` says at that moment.
         """
@@ -181,7 +201,7 @@ class Scenario(Block):
                 data = data.decode(json.detect_encoding(data))  # a redirected PowerShell writes UTF-16
             if isinstance(data, str) and re.fullmatch(r"\s*[\w./\\:~ -]+\s*", data):
                 return cls._named(data.strip())
-            text = data if isinstance(data, str) else json.dumps(data)
+            text = data if isinstance(data, str) else json.dumps(data, default=_plain)
         except (TypeError, ValueError, RecursionError) as error:
             raise ScenarioError([Problem("scenario", type(data).__name__, f"is not JSON: {error}")]) from None
         try:
@@ -208,7 +228,8 @@ class Scenario(Block):
 
     @property
     def steps(self) -> int:
-        """Number of steps: the replay's poses, or ceil(path length / (speed dt))."""
+        """Number of steps: the replay's poses, or ceil(path length / (speed dt)), or of a target without a path
+        ceil(time / dt)."""
         return steps_along(self.trajectory, self.controller, self.dt_s)
 
     @property
@@ -226,7 +247,19 @@ class Scenario(Block):
             for field, value in frictions.items()
             if value > 0.3
         ]
+        if self.interaction.puncture_n > 0.0:
+            slides = "where the tip slides to before it enters depends on the mesh, by millimetres on a steep path"
+            far.append(f"interaction.puncture_n = {self.interaction.puncture_n:g} N: {slides}; 0 = nicked beforehand")
         if (length_mm := 1e3 * self.path().length_m) < SHORT_MM:
-            far.append(f"trajectory.target_mm: the path is {length_mm:.3g} mm long; are its points in metres?")
+            far.append(f"{self.trajectory.end_field}: the path is {length_mm:.3g} mm long; are its points in metres?")
+        if self.sensing.degrades and isinstance(self.controller, InverseFem) and not separate_model(self.controller):
+            far.append(SHARED_WITH_SENSING)
         conditions = self.model_dump(mode="json", include=set(CONDITIONS))
         return [*far, *training_warnings(self.controller, self.trajectory, conditions)]
+
+
+def _plain(value: Any) -> Any:
+    """An array or a number of numpy as JSON has it. Raises TypeError for anything else."""
+    if isinstance(value, np.ndarray | np.generic):
+        return value.tolist()
+    raise TypeError(f"Object of type {type(value).__name__} is not JSON serializable")

@@ -24,16 +24,17 @@ class StrainExtremes(NamedTuple):
 def strain_extremes(x: Floats, tets: Ints, gradients: Floats) -> StrainExtremes:
     """Of a tissue whose nodes are at x (n, 3) m; tets (t, 4); gradients (t, 4, 3) 1/m of the shape functions at rest.
 
-    A stretch is computed only where the Frobenius norm of Green's strain allows it to exceed the largest one so far.
+    A stretch is computed only where the Frobenius norm of C - I, C = F^T F, allows it to exceed the largest one so far.
     """
     f, c = np.empty((3, 3)), np.empty((3, 3))
-    largest, least, least_tet = 0.0, np.inf, 0
+    largest, least, least_tet, screen = 0.0, np.inf, 0, 0.0
     for t in range(len(tets)):
+        n0, n1, n2, n3 = tets[t, 0], tets[t, 1], tets[t, 2], tets[t, 3]
         for i in range(3):
+            x0, x1, x2, x3 = x[n0, i], x[n1, i], x[n2, i], x[n3, i]
             for j in range(3):
-                f[i, j] = 0.0
-                for a in range(4):
-                    f[i, j] += x[tets[t, a], i] * gradients[t, a, j]
+                g0, g1, g2, g3 = gradients[t, 0, j], gradients[t, 1, j], gradients[t, 2, j], gradients[t, 3, j]
+                f[i, j] = x0 * g0 + x1 * g1 + x2 * g2 + x3 * g3
         det = (
             f[0, 0] * (f[1, 1] * f[2, 2] - f[1, 2] * f[2, 1])
             - f[0, 1] * (f[1, 0] * f[2, 2] - f[1, 2] * f[2, 0])
@@ -41,20 +42,21 @@ def strain_extremes(x: Floats, tets: Ints, gradients: Floats) -> StrainExtremes:
         )
         if det < least:
             least, least_tet = det, t
-        square = 0.0
         for i in range(3):
-            for j in range(3):
+            for j in range(i, 3):
                 c[i, j] = f[0, i] * f[0, j] + f[1, i] * f[1, j] + f[2, i] * f[2, j]
-                square += (0.5 * (c[i, j] - (1.0 if i == j else 0.0))) ** 2
-        if 1.0 - np.sqrt(max(0.0, 1.0 - 2.0 * np.sqrt(square))) > largest:
+        on = (c[0, 0] - 1.0) ** 2 + (c[1, 1] - 1.0) ** 2 + (c[2, 2] - 1.0) ** 2
+        if on + 2.0 * (c[0, 1] ** 2 + c[0, 2] ** 2 + c[1, 2] ** 2) > screen:
             low, high = _outer_eigenvalues(c)
             largest = max(largest, np.sqrt(high) - 1.0, 1.0 - np.sqrt(max(low, 0.0)))
+            # |stretch - 1| > largest needs |stretch^2 - 1| > 1 - (1 - largest)^2, and so ||C - I||
+            screen = (1.0 - max(1.0 - largest, 0.0) ** 2) ** 2
     return StrainExtremes(largest, least, least_tet)
 
 
 @kernel
 def _outer_eigenvalues(c: Floats) -> tuple[float, float]:
-    """Smallest and largest eigenvalue of a symmetric matrix (3, 3), by its invariants.
+    """Smallest and largest eigenvalue of a symmetric matrix (3, 3), of its upper half, by its invariants.
 
     O. K. Smith, "Eigenvalues of a symmetric 3 x 3 matrix", Commun. ACM 4 (1961) 168.
     """

@@ -20,6 +20,8 @@ if TYPE_CHECKING:
 
     from service.client.client import JobEvent
 
+pytestmark = pytest.mark.slow
+
 STREAM = {"Accept": "text/event-stream"}
 
 

@@ -12,6 +12,8 @@ from tests.acceptance.server import PATIENCE_S, Server, running_server
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
+pytestmark = pytest.mark.slow
+
 OF_THE_ANSWER = {"date", "x-request-id", "transfer-encoding"}  # differ from one answer to the next
 
 

@@ -17,6 +17,8 @@ from tests.acceptance.server import Server, alive, children, running_server, unt
 if TYPE_CHECKING:
     from pathlib import Path
 
+pytestmark = pytest.mark.slow
+
 linux = pytest.mark.skipif(sys.platform != "linux", reason="reads the process table")
 
 

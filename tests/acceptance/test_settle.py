@@ -29,6 +29,8 @@ if TYPE_CHECKING:
     from service.worker.crew import Crew
     from simcore.rollout.dataset import Dataset
 
+pytestmark = pytest.mark.slow
+
 TINY = {"element_size_mm": 20.0, "dt_s": 0.05, "training": 3, "samples": 300, "end_points": 1, "directions": 1}
 
 

@@ -34,6 +34,8 @@ if TYPE_CHECKING:
     from benchmarks.measurements import Part
     from simcore.scenario.scenario import Scenario
 
+pytestmark = pytest.mark.slow
+
 NAMES = (
     "micro",
     "step",
@@ -44,6 +46,7 @@ NAMES = (
     "memory",
     "profile",
     "convergence",
+    "work-precision",
     "sweeps",
     "forces",
 )
@@ -96,7 +99,7 @@ def keys(part: Part) -> set[str]:
 
 def test_the_names() -> None:
     assert tuple(BENCHMARKS) == NAMES
-    assert select([]) == list(NAMES[:-3])
+    assert select([]) == list(NAMES[:-4])
     assert select(["step", "micro", "step"]) == ["step", "micro"]
     with pytest.raises(ScenarioError, match=r"steps.*micro, step"):
         select(["steps"])
@@ -271,6 +274,11 @@ def test_the_studies_and_the_processes_through_the_command(tmp_path: Path) -> No
     names = ["throughput", "recording", "memory", "convergence", "forces"]
     done = CliRunner().invoke(main, ["bench", *names, "--quick", "--out", str(tmp_path)])
     assert done.exit_code == 0, done.output
-    for name in ("convergence.md", "convergence.json", "convergence.svg", "forces.md", "forces.csv", "forces.svg"):
+    pictures = ("convergence.svg", "closed_loop.svg", "forces.svg")
+    for name in ("convergence.md", "convergence.json", "forces.md", "forces.csv", *pictures):
         assert (tmp_path / name).stat().st_size > 100
+    loops = json.loads((tmp_path / "convergence.json").read_text())["closed_loop"]
+    assert set(loops["suites"]) == {"LIN", "CUR"}
+    assert all(0.0 < loops["suites"][suite]["ifem"] < 1.0 for suite in loops["suites"])
+    assert len(json.loads((tmp_path / "closed_loop_runs.json").read_text())["runs"]) == 36
     assert "memory.1617_mb" in done.stdout

@@ -72,10 +72,10 @@ class Misbehaves:
         return observation.base
 """
 
-FAILS = ("raises", "exits", "ends its process", "kills itself", "kills its group", "forks and ends its process")
+FAILS = ("exits", "ends its process", "kills itself", "kills its group", "forks and ends its process")
 HANGS = ("hangs", "hangs in C")
 LEAVES = ("forks", "forks apart", "forks many", "leaves a thread", "leaves files open")
-OTHERS = ("nothing", "closes everything", "floods", "floods without lines")
+OTHERS = ("nothing", "raises", "closes everything", "floods", "floods without lines")
 ALL = (*FAILS, *HANGS, *LEAVES, *OTHERS)
 SHORT = ("ends its process", "forks apart", "leaves files open", "floods", "hangs in C")
 

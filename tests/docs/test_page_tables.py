@@ -32,11 +32,13 @@ def cells(row: str) -> list[str]:
     return [cell.strip() for cell in row.strip("|").split("|")]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", sorted({name for names in asked_for().values() for name in names}))
 def test_every_part_that_a_page_asks_for_is_there(name: str) -> None:
     assert program("page_tables").part(name).strip()
 
 
+@pytest.mark.slow
 def test_the_page_about_http_lists_every_kind_of_problem() -> None:
     from service.api.problem_codes import CODES
 

@@ -112,7 +112,7 @@ class FakeRun:
         shown = recording.enabled and (step % recording.every_steps == 0 or step == self.scenario.steps)
         error = np.linalg.norm(v["tip"] - v["target"])
         return StepRecord(
-            step, step * self.scenario.dt_s, v["base"], self.rotation, v["tip"], v["target"], v["noisy"],
+            step, step * self.scenario.dt_s, v["base"], self.rotation, v["tip"], v["tip"], v["target"], v["noisy"],
             v["base"], self.rotation, step % 7 == 0, depth, v["force"], v["torque"], float(v["force"][2]),
             float(0.3 * error), 3 + step % 4, 10.0 ** (-6 - step % 3), 1e-9, 0.8,
             v["target"], float(np.abs(self.tissue - self.nodes).max()), 0.1, 1e-3, 1e8,

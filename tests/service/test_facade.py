@@ -9,10 +9,22 @@ import needlebench
 
 
 def test_the_documented_names_are_there() -> None:
-    from needlebench import Client, Controller, Observation, Pose, Scenario, register_controller, rotation_towards, run
+    from needlebench import (
+        Client,
+        CommandError,
+        Controller,
+        Episode,
+        Observation,
+        Pose,
+        Scenario,
+        Snapshot,
+        register_controller,
+        rotation_towards,
+        run,
+    )
 
     assert all(map(callable, (run, register_controller, rotation_towards)))
-    assert all(isinstance(known, type) for known in (Controller, Observation, Pose))
+    assert all(isinstance(known, type) for known in (CommandError, Controller, Episode, Observation, Pose, Snapshot))
     assert Scenario.load({}).name == "unnamed"
     with Client("http://127.0.0.1:1/") as client:
         assert client.url == "http://127.0.0.1:1"

@@ -19,6 +19,7 @@ def imported(code: str) -> set[str]:
     return set(json.loads(done.stdout.splitlines()[-1]))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("code", "unwanted"),
     [
@@ -32,6 +33,7 @@ def test_a_start_waits_for_no_library_that_it_does_not_need(code: str, unwanted:
     assert imported(code) & unwanted == set()
 
 
+@pytest.mark.slow
 def test_a_scenario_without_a_mesh_file_is_checked_without_the_simulation() -> None:
     code = (
         "from service.admission.cost import check_cost\nfrom service.settings import Limits\n"
@@ -40,6 +42,7 @@ def test_a_scenario_without_a_mesh_file_is_checked_without_the_simulation() -> N
     assert imported(code) & SIMULATION == set()
 
 
+@pytest.mark.slow
 def test_a_ready_database_is_opened_without_alembic() -> None:
     code = (
         "import subprocess, sys, tempfile\nfrom pathlib import Path\nfrom service.store.database import open_database\n"
@@ -52,6 +55,7 @@ def test_a_ready_database_is_opened_without_alembic() -> None:
     assert "alembic" not in imported(code)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "arguments",
     [

@@ -107,7 +107,8 @@ class FullNewton:
     Rows: balance of the free tissue nodes, balance of the free needle nodes, and of each point p - c(s) + L F = 0 and
     its axial law: s + C F_tau / |c'| = breakpoint (odd mode), else force along the shaft = level (specification of the
     interaction). L = P G P / l across the shaft and C = tau G tau / l along it, 0 at X_c and in hard rows; l is
-    at least the needle's diameter at the entry; a free X_c has P F = 0 in place of its lateral gap.
+    longer at the entry by what the inserted length lacks to the needle's diameter; a free X_c has P F = 0 in place of
+    its lateral gap.
     """
 
     def __init__(
@@ -231,14 +232,15 @@ class FullNewton:
         forces = self.needle_forces(at)
         gaps, laws = np.empty((len(self.elements), 3)), np.empty(len(self.elements))
         lengths = self.tributaries(at, points)
-        levels = self.levels(lengths)
+        levels, bevel_m = self.levels(lengths), self.insertion.model.line.bevel_m
         for i, e in enumerate(self.elements):
             c, dc, _, beam, h = self.shaft(at.needle_x, at.needle_R, at.arc[i])
             for node, share, lever in ((beam, h[0], h[1]), (beam + 1, h[2], h[3])):
                 forces[node, :3] += share * at.force[i]
                 forces[node, 3:] += lever * np.cross(at.needle_R[node, :, 2], at.force[i])
             tangent = dc / np.linalg.norm(dc)
-            gaps[i], creep = self.gap(i, points[e] - c, tangent, at.force[i], lengths[i])
+            coupled = lengths[i] + (max(bevel_m - lengths.sum(), 0.0) if e == 1 else 0.0)
+            gaps[i], creep = self.gap(i, points[e] - c, tangent, at.force[i], max(coupled, 1e-6))
             if self.slips_on_surface:
                 gaps[i, :2] = at.force[i, :2] - self.coulomb(at.force[i], c - points[e])
             if self.modes[i] % 2 == 1:
@@ -257,7 +259,6 @@ class FullNewton:
             return 1e3 * tangent * (tangent @ apart) + across @ force, 0.0
         if self.elements[i] == 0 or line.hard:
             return 1e3 * apart, 0.0
-        length = max(length, line.entry_m if self.elements[i] == 1 else 1e-6)
         pressed = across @ line.compliance_m2_per_n @ across @ force / length
         return 1e3 * (apart + pressed), float(tangent @ line.compliance_m2_per_n @ tangent / length * (tangent @ force))
 

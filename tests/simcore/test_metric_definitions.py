@@ -50,6 +50,7 @@ def leaves(block: Mapping[str, Any], prefix: str) -> Iterator[str]:
             yield path
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("kind", KINDS)
 def test_every_number_of_a_result_is_described_and_nothing_else(kind: str) -> None:
     result = rollout(kind).result()

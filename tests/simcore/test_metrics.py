@@ -10,9 +10,9 @@ import pytest
 
 from simcore.errors import Status
 from simcore.metrics import MEASURED, lambda_ratio, longest_loss_s, metrics, root_mean_square
-from simcore.trajectory import Path
+from simcore.trajectory import SinePath
 
-PATH = Path(np.zeros(3), np.array([0.0, 0.0, 0.1]))
+PATH = SinePath(np.zeros(3), np.array([0.0, 0.0, 0.1]))
 STEP_M = 1e-4
 
 Series = dict[str, np.ndarray]

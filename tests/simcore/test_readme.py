@@ -57,7 +57,8 @@ def test_a_name_that_is_gone_would_be_seen() -> None:
     assert not is_defined("nowhere.model")
 
 
-@pytest.mark.parametrize("module", ["simcore.scenario.scenario", "simcore.rollout.rollout"])
+@pytest.mark.slow
+@pytest.mark.parametrize("module", ["simcore.scenario.scenario", "simcore.rollout.rollout", "simcore.episode.episode"])
 def test_the_examples_of_the_docstrings(module: str) -> None:
     done = doctest.testmod(importlib.import_module(module))
     assert done.attempted > 1

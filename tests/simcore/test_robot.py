@@ -46,6 +46,7 @@ def moved(base: Pose, after: Pose) -> tuple[Vector, Vector]:
     return after.position_m - base.position_m, log_map(after.rotation @ base.rotation.T)
 
 
+@pytest.mark.slow
 @quick
 @given(motions(), limits, steps)
 def test_both_limits_are_respected(motion: tuple[Pose, Vector, Vector], robot: RobotLimits, dt: float) -> None:
@@ -56,6 +57,7 @@ def test_both_limits_are_respected(motion: tuple[Pose, Vector, Vector], robot: R
     assert np.linalg.norm(turned) <= robot.max_turn_rad_s * dt * (1 + 1e-9) + 1e-14
 
 
+@pytest.mark.slow
 @quick
 @given(motions(), limits, steps)
 def test_one_factor_scales_the_whole_twist(motion: tuple[Pose, Vector, Vector], robot: RobotLimits, dt: float) -> None:
@@ -72,6 +74,7 @@ def test_one_factor_scales_the_whole_twist(motion: tuple[Pose, Vector, Vector], 
         assert limited is (needed > 1.0)
 
 
+@pytest.mark.slow
 @quick
 @given(motions(), limits, steps)
 def test_a_limited_motion_uses_a_limit_fully(
@@ -86,6 +89,7 @@ def test_a_limited_motion_uses_a_limit_fully(
         assert max(used, used_turn) == pytest.approx(1.0, rel=1e-6)
 
 
+@pytest.mark.slow
 @quick
 @given(motions())
 def test_the_rotation_stays_a_rotation(motion: tuple[Pose, Vector, Vector]) -> None:
@@ -145,6 +149,7 @@ def test_a_command_that_is_not_finite_stays_visible() -> None:
     assert not np.isfinite(after.position_m).all()
 
 
+@pytest.mark.slow
 @quick
 @given(vectors.filter(lambda v: np.linalg.norm(v) > 1e-3))
 def test_the_rotation_towards_a_direction(direction: Vector) -> None:

@@ -26,6 +26,7 @@ def turn(direction: np.ndarray, angle: float) -> np.ndarray:
     return angle * direction / np.linalg.norm(direction)
 
 
+@pytest.mark.slow
 @quick
 @given(directions, angles)
 def test_exp_is_scipys_and_orthonormal(direction: np.ndarray, angle: float) -> None:
@@ -34,6 +35,7 @@ def test_exp_is_scipys_and_orthonormal(direction: np.ndarray, angle: float) -> N
     np.testing.assert_allclose(R @ R.T, np.eye(3), atol=2e-15)
 
 
+@pytest.mark.slow
 @quick
 @given(directions, angles)
 def test_log_inverts_exp(direction: np.ndarray, angle: float) -> None:
@@ -53,6 +55,7 @@ def test_log_of_identity_is_zero() -> None:
     assert not rotations.log_map(np.eye(3)).any()
 
 
+@pytest.mark.slow
 @quick
 @given(directions, directions)
 def test_skew_is_the_cross_product(w: np.ndarray, v: np.ndarray) -> None:
@@ -62,6 +65,7 @@ def test_skew_is_the_cross_product(w: np.ndarray, v: np.ndarray) -> None:
     )
 
 
+@pytest.mark.slow
 @quick
 @given(directions, st.floats(0.0, 2.9))
 def test_inverse_left_jacobian_is_the_derivative_of_log(direction: np.ndarray, angle: float) -> None:
@@ -102,6 +106,7 @@ def test_projection_is_quadratic() -> None:
     assert 1.8 < np.log10(errors[0] / errors[1]) < 2.2
 
 
+@pytest.mark.slow
 @quick
 @given(directions, angles)
 def test_quaternions_are_scipys(direction: np.ndarray, angle: float) -> None:

@@ -10,7 +10,7 @@ import pytest
 from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
-from simcore.trajectory import Path, held_noise, step_count, targets
+from simcore.trajectory import SinePath, held_noise, step_count, targets
 from tests.budget import examples
 
 if TYPE_CHECKING:
@@ -21,11 +21,11 @@ END = np.array([0.024, 0.041, 0.122])
 X = np.array([1.0, 0.0, 0.0])
 
 PATHS = {
-    "line": Path(ENTRY, END),
-    "bow": Path(ENTRY, END, 3e-3, 0.5, X),
-    "sine": Path(ENTRY, END, 1e-3, 1.0, X),
-    "steep": Path(ENTRY, END, 0.02, 3.0, np.array([0.3, -2.0, 5.0])),
-    "wild": Path(ENTRY, END, 0.02, 10.0, X),
+    "line": SinePath(ENTRY, END),
+    "bow": SinePath(ENTRY, END, 3e-3, 0.5, X),
+    "sine": SinePath(ENTRY, END, 1e-3, 1.0, X),
+    "steep": SinePath(ENTRY, END, 0.02, 3.0, np.array([0.3, -2.0, 5.0])),
+    "wild": SinePath(ENTRY, END, 0.02, 10.0, X),
 }
 curved = pytest.mark.parametrize("path", [p for n, p in PATHS.items() if n != "line"], ids=list(PATHS)[1:])
 every = pytest.mark.parametrize("path", PATHS.values(), ids=PATHS.keys())
@@ -35,15 +35,15 @@ vectors = st.tuples(coordinates, coordinates, coordinates).map(np.array)
 
 
 @st.composite
-def paths(draw: st.DrawFn) -> Path:
+def paths(draw: st.DrawFn) -> SinePath:
     entry, chord, direction = draw(vectors), draw(vectors), draw(vectors)
     assume(np.linalg.norm(chord) > 1e-3)
     assume(np.linalg.norm(np.cross(direction, chord)) > 1e-3 * np.linalg.norm(chord))
     amplitude = draw(st.floats(0.0, 0.3)) * float(np.linalg.norm(chord))
-    return Path(entry, entry + chord, amplitude, draw(st.floats(0.1, 4.0)), direction)
+    return SinePath(entry, entry + chord, amplitude, draw(st.floats(0.1, 4.0)), direction)
 
 
-def dense(path: Path, n: int = 200_001) -> tuple[Floats, Floats, Floats]:
+def dense(path: SinePath, n: int = 200_001) -> tuple[Floats, Floats, Floats]:
     """u (n,), points (n, 3) and summed chord lengths (n,)."""
     u = np.linspace(0.0, 1.0, n)
     points = path.curve(u)
@@ -51,27 +51,27 @@ def dense(path: Path, n: int = 200_001) -> tuple[Floats, Floats, Floats]:
 
 
 @every
-def test_length_is_the_limit_of_polygons(path: Path) -> None:
+def test_length_is_the_limit_of_polygons(path: SinePath) -> None:
     assert path.length_m == pytest.approx(dense(path)[2][-1], rel=1e-8)
 
 
 def test_length_of_a_line_is_its_chord() -> None:
     assert PATHS["line"].length_m == pytest.approx(math.dist(ENTRY, END), rel=1e-15)
-    assert Path(ENTRY, END, 0.0, 3.0, X).length_m == pytest.approx(math.dist(ENTRY, END), rel=1e-15)
+    assert SinePath(ENTRY, END, 0.0, 3.0, X).length_m == pytest.approx(math.dist(ENTRY, END), rel=1e-15)
 
 
 def test_length_of_a_shallow_sine() -> None:
     """L = c (1 + (A k / c)^2 / 4 + O(4th order)), k = 2 pi n; the next term is 3 / 64 of the square's square."""
     chord, amplitude = 0.1, 1e-4
-    path = Path(np.zeros(3), np.array([0.0, 0.0, chord]), amplitude, 1.0, X)
+    path = SinePath(np.zeros(3), np.array([0.0, 0.0, chord]), amplitude, 1.0, X)
     slope = amplitude * 2 * np.pi / chord
     assert path.length_m / chord - 1 == pytest.approx(slope**2 / 4 - 3 * slope**4 / 64, rel=1e-6)
 
 
 def test_amplitude_extremes() -> None:
-    tiny = Path(ENTRY, END, 1e-12, 1.0, X)
+    tiny = SinePath(ENTRY, END, 1e-12, 1.0, X)
     assert tiny.length_m == pytest.approx(math.dist(ENTRY, END), rel=1e-14)
-    needle_eye = Path(np.zeros(3), np.array([0.0, 0.0, 1e-4]), 0.02, 10.0, X)  # forty strands of 20 mm
+    needle_eye = SinePath(np.zeros(3), np.array([0.0, 0.0, 1e-4]), 0.02, 10.0, X)  # forty strands of 20 mm
     assert needle_eye.length_m == pytest.approx(40 * 0.02, rel=5e-5)
     s = np.linspace(0.0, needle_eye.length_m, 2001)
     u = needle_eye.parameter(s)
@@ -81,22 +81,23 @@ def test_amplitude_extremes() -> None:
 
 
 @every
-def test_points_run_at_constant_speed(path: Path) -> None:
+def test_points_run_at_constant_speed(path: SinePath) -> None:
     u, _, lengths = dense(path)
     s = np.linspace(0.0, path.length_m, 777)
     np.testing.assert_allclose(np.interp(path.parameter(s), u, lengths), s, atol=2e-8 * path.length_m)
 
 
+@pytest.mark.slow
 @settings(max_examples=examples(60), deadline=None)
 @given(paths(), st.lists(st.floats(0.0, 1.0), min_size=1, max_size=5))
-def test_parameter_inverts_the_arc_length(path: Path, shares: list[float]) -> None:
+def test_parameter_inverts_the_arc_length(path: SinePath, shares: list[float]) -> None:
     u, _, lengths = dense(path, 20_001)
     s = path.length_m * np.array(shares)
     np.testing.assert_allclose(np.interp(path.parameter(s), u, lengths), s, atol=2e-6 * path.length_m)
 
 
 @every
-def test_the_ends_are_exact_and_clipped(path: Path) -> None:
+def test_the_ends_are_exact_and_clipped(path: SinePath) -> None:
     length = path.length_m
     np.testing.assert_allclose(path.point(np.array([-1.0, 0.0]))[0], path.entry_m, atol=1e-15)
     np.testing.assert_allclose(path.point(np.array([0.0]))[0], path.entry_m, atol=1e-15)
@@ -106,7 +107,7 @@ def test_the_ends_are_exact_and_clipped(path: Path) -> None:
 
 @settings(max_examples=examples(60), deadline=None)
 @given(paths())
-def test_the_overlay_is_a_unit_vector_across_the_chord(path: Path) -> None:
+def test_the_overlay_is_a_unit_vector_across_the_chord(path: SinePath) -> None:
     assume(not path.is_straight)
     chord = path.end_m - path.entry_m
     assert np.linalg.norm(path.overlay) == pytest.approx(1.0, abs=1e-12)
@@ -118,11 +119,11 @@ def test_the_overlay_is_a_unit_vector_across_the_chord(path: Path) -> None:
 
 def test_a_straight_path_has_no_overlay() -> None:
     assert not PATHS["line"].overlay.any()
-    assert not Path(ENTRY, END, 0.0, 1.0, X).overlay.any()
+    assert not SinePath(ENTRY, END, 0.0, 1.0, X).overlay.any()
 
 
 @curved
-def test_the_excursion_is_the_amplitude(path: Path) -> None:
+def test_the_excursion_is_the_amplitude(path: SinePath) -> None:
     away = (dense(path)[1] - path.entry_m) @ path.overlay
     reached = 1.0 if path.periods < 0.75 else -1.0
     assert away.max() == pytest.approx(path.amplitude_m, rel=1e-6)
@@ -130,14 +131,14 @@ def test_the_excursion_is_the_amplitude(path: Path) -> None:
 
 
 @every
-def test_the_derivative_is_that_of_the_curve(path: Path) -> None:
+def test_the_derivative_is_that_of_the_curve(path: SinePath) -> None:
     u, h = np.linspace(0.01, 0.99, 50), 1e-6
     central = (path.curve(u + h) - path.curve(u - h)) / (2 * h)
     np.testing.assert_allclose(path.derivative(u), central, atol=1e-9 * path.periods**3)
 
 
 @every
-def test_the_first_tangent(path: Path) -> None:
+def test_the_first_tangent(path: SinePath) -> None:
     tangent = path.first_tangent()
     assert np.linalg.norm(tangent) == pytest.approx(1.0, abs=1e-15)
     ahead = path.point(np.array([1e-7]))[0] - path.entry_m
@@ -150,13 +151,13 @@ def test_the_first_tangent(path: Path) -> None:
 
 
 @every
-def test_points_of_the_path_have_no_distance(path: Path) -> None:
+def test_points_of_the_path_have_no_distance(path: SinePath) -> None:
     s = np.linspace(0.0, path.length_m, 301)
     assert path.distance_m(path.point(s)).max() < 1e-10
 
 
 @curved
-def test_distance_along_the_normal_within_the_curvature(path: Path) -> None:
+def test_distance_along_the_normal_within_the_curvature(path: SinePath) -> None:
     """A point off the curve along its normal, nearer than the centre of curvature, has that distance."""
     u = np.linspace(0.05, 0.95, 41)
     tangents = path.derivative(u) / np.linalg.norm(path.derivative(u), axis=1)[:, None]
@@ -170,15 +171,16 @@ def test_distance_along_the_normal_within_the_curvature(path: Path) -> None:
 
 
 def test_distance_from_a_line_and_beyond_its_ends() -> None:
-    line = Path(np.zeros(3), np.array([0.0, 0.0, 0.1]))
+    line = SinePath(np.zeros(3), np.array([0.0, 0.0, 0.1]))
     points = np.array([[0.003, 0.004, 0.05], [0.0, 0.0, 0.05], [0.0, 0.0, -0.02], [0.003, 0.004, 0.112]])
     np.testing.assert_allclose(line.distance_m(points), [0.005, 0.0, 0.02, 0.013], atol=1e-11)
     assert line.distance_m(np.array([0.0, 0.001, 0.01])) == pytest.approx([0.001])
 
 
+@pytest.mark.slow
 @settings(max_examples=examples(40), deadline=None)
 @given(paths(), vectors)
-def test_distance_is_the_smallest_one(path: Path, point: Floats) -> None:
+def test_distance_is_the_smallest_one(path: SinePath, point: Floats) -> None:
     """Far beyond the centre of curvature too, where Newton's method for the foot point runs away."""
     points = dense(path, 100_001)[1]
     smallest = np.linalg.norm(points - point, axis=1).min()
@@ -207,6 +209,7 @@ def test_step_count(length: float, speed: float, dt: float, steps: int) -> None:
     assert step_count(length, speed, dt) == steps
 
 
+@pytest.mark.slow
 @settings(max_examples=examples(300))
 @given(st.integers(1, 1_000_000), st.integers(1, 10_000), st.integers(1, 1000))
 def test_an_exact_quotient_is_not_rounded_up(steps: int, speed_um_s: int, dt_tenth_ms: int) -> None:
@@ -215,9 +218,10 @@ def test_an_exact_quotient_is_not_rounded_up(steps: int, speed_um_s: int, dt_ten
     assert step_count(speed * steps * dt * (1 + 1e-7), speed, dt) == steps + math.ceil(steps * 1e-7 - 1e-9 * steps)
 
 
+@pytest.mark.slow
 @every
 @pytest.mark.parametrize("dt", [0.001, 0.01, 0.03])
-def test_targets_slide_at_constant_speed_and_stop_at_the_end(path: Path, dt: float) -> None:
+def test_targets_slide_at_constant_speed_and_stop_at_the_end(path: SinePath, dt: float) -> None:
     steps = step_count(path.length_m, 0.01, dt)
     points = targets(path, speed_m_s=0.01, dt_s=dt, steps=steps)
     assert points.shape == (steps + 1, 3)

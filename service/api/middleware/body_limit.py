@@ -42,6 +42,10 @@ class BodyLimit:
             refusal = problem_response(415, detail, instance=scope["path"], headers=accepted, code="body-encoding")
             await refusal(scope, receive, send)
             return
+        if headers.get("transfer-encoding", "chunked").strip().lower() != "chunked":
+            detail = "the only transfer coding that is taken is chunked"
+            await problem_response(501, detail, instance=scope["path"])(scope, receive, send)
+            return
         most = self._exceptions.get(scope["path"], self._maximum_bytes)
         length = headers.get("content-length", "0")
         if not length.isascii() or not length.isdigit() or int(length[:20]) > most:

@@ -39,8 +39,9 @@ _BEARER = {"WWW-Authenticate": 'Bearer realm="needlebench"'}
 class KeyGuard:
     """Puts the `Caller` into the request's state, or refuses: 401 unknown, 403 not allowed, 429 too many requests."""
 
-    def __init__(self, app: ASGIApp, *, keys: Keys, rate_per_key: float) -> None:
+    def __init__(self, app: ASGIApp, *, keys: Keys, rate_per_key: float, public: str | None = None) -> None:
         self._app = app
+        self._public = public
         self._keys = keys
         self._rate = RateLimit(rate_per_key, time.monotonic)
 
@@ -93,7 +94,7 @@ class KeyGuard:
         path, method = request.url.path, request.method
         if caller is None:
             return _unknown(request)
-        if caller.by_cookie and method not in SAFE_METHODS and not same_origin(request.headers):
+        if caller.by_cookie and method not in SAFE_METHODS and not same_origin(request.headers, self._public):
             detail = "a browser that is logged in can change things only from the service's own pages"
             return problem_response(403, detail, instance=path, code="origin-foreign")
         need = scope_of(method)

@@ -11,8 +11,10 @@ from benchmarks.paper.suites import suite_names
 from benchmarks.paper.table import insertions_csv, rows
 from service.admission.campaign_planner import CampaignRequest, estimated_time_s
 from service.api.context import Service, ServiceOf
+from service.api.json_bodies import JsonBodyRoute
 from service.api.openapi import documented
 from service.api.parameters import CampaignId, Cursor, SuiteName
+from service.api.root_path import rooted_page
 from service.api.schemas.campaigns import (
     CampaignCaseList,
     CampaignCaseView,
@@ -35,7 +37,7 @@ from service.campaigns.results import outcomes
 from service.campaigns.trends import trend
 from service.store.campaign import Campaign
 
-router = APIRouter(prefix="/api/v1", tags=["campaigns"])
+router = APIRouter(prefix="/api/v1", tags=["campaigns"], route_class=JsonBodyRoute)
 
 REPORT_HEADERS = {  # a page without scripts that loads nothing
     "Content-Security-Policy": "default-src 'none'; style-src 'unsafe-inline'; img-src data:; frame-ancestors 'self'",
@@ -195,7 +197,7 @@ def get_campaign_report(campaign_id: CampaignId, service: ServiceOf) -> Response
     """Tables, figures and tests over this campaign's insertions, of a grid point by point; also while it runs."""
     campaign = service.campaigns.get(campaign_id)
     page = report.page(campaign, service.campaigns.cases(campaign_id))
-    return Response(page, media_type="text/html; charset=utf-8", headers=REPORT_HEADERS)
+    return Response(rooted_page(page), media_type="text/html; charset=utf-8", headers=REPORT_HEADERS)
 
 
 @router.post(

@@ -5,24 +5,23 @@ from __future__ import annotations
 import asyncio
 import shutil
 from contextlib import suppress
-from typing import Annotated, Any
+from typing import Annotated
 
 from fastapi import APIRouter, Header, Query, Request, Response, status
 
-from service.admission.cost import Cost, check_cost, time_limit_s
+from service.admission.admission import admit
+from service.admission.cost import time_limit_s
 from service.api.context import Service, ServiceOf, etag_matches
 from service.api.idempotency import IdempotencyKey, own_key
 from service.api.job_view_cache import EncodedJob
+from service.api.json_bodies import JsonBodyRoute
 from service.api.openapi import documented
 from service.api.parameters import Cursor, JobId
 from service.api.schemas.jobs import JobPage, JobRequest, JobSummary, JobView, Outcome, State
 from service.store.job import Job, content_hash
 from service.store.paging import read_page
-from simcore.file_names import names_mean
-from simcore.scenario.presets import preset
-from simcore.scenario.scenario import Scenario
 
-router = APIRouter(prefix="/api/v1/jobs", tags=["jobs"])
+router = APIRouter(prefix="/api/v1/jobs", tags=["jobs"], route_class=JsonBodyRoute)
 
 LONGEST_WAIT_S = 60.0
 _CHECK_S = 20.0  # how often a long poll checks that its client is still there
@@ -46,32 +45,24 @@ def submit_job(
     """Queue one insertion. The scenario is checked first, and each wrong field is named."""
     service.refuse_when_closing()
     request.state.caller.require_priority(body.priority)
-    scenario, cost, uploads = _scenario(body.scenario, service)
-    resolved = scenario.resolved()
+    admitted = admit(body.scenario, service.settings.uploads, service.settings.limits)
+    resolved = admitted.resolved
     owner = request.state.caller.key_id
     job = service.store.submit(
-        name=scenario.name,
+        name=admitted.name,
         spec={"scenario": resolved},
         spec_hash=content_hash(resolved),
-        steps=scenario.steps,
+        steps=admitted.steps,
         priority=body.priority,
-        timeout_s=time_limit_s(body.timeout_s, cost),
+        timeout_s=time_limit_s(body.timeout_s, admitted.cost),
         key=own_key(idempotency_key, owner),
         request_hash=content_hash([resolved, body.priority, body.timeout_s]),
         owner=owner,
-        uploads=sorted(uploads),
+        uploads=admitted.uploads,
     )
     service.engine.wake()
     headers = {"Location": f"/api/v1/jobs/{job.id}"}
     return Response(EncodedJob.of(job).body, status.HTTP_202_ACCEPTED, headers, media_type="application/json")
-
-
-def _scenario(value: Any, service: Service) -> tuple[Scenario, Cost, set[str]]:
-    """The scenario, its cost and the ids of the uploads it names. Raises ScenarioError, also if it costs too much."""
-    with names_mean(lookup := service.uploads.lookup()):
-        scenario = preset(value) if isinstance(value, str) else Scenario.load(value)
-        cost = check_cost(scenario, service.settings.limits)
-    return scenario, cost, lookup.used
 
 
 @router.get(

@@ -5,12 +5,13 @@ from __future__ import annotations
 from fastapi import APIRouter, Request, Response, status
 
 from service.api.context import ServiceOf, admin_only
+from service.api.json_bodies import JsonBodyRoute
 from service.api.openapi import documented
 from service.api.parameters import KeyId
 from service.api.problems import HttpError
 from service.api.schemas.keys import CreatedKey, KeyList, KeyRequest, KeyView
 
-router = APIRouter(prefix="/api/v1/keys", tags=["keys"])
+router = APIRouter(prefix="/api/v1/keys", tags=["keys"], route_class=JsonBodyRoute)
 
 _LOCATION = {"Location": {"description": "Address of the key.", "schema": {"type": "string"}}}
 

@@ -10,6 +10,7 @@ from starlette.responses import FileResponse
 from service.admission.training_request import STEPS, TrainRequest, check_training
 from service.api.context import ServiceOf
 from service.api.idempotency import IdempotencyKey, own_key
+from service.api.json_bodies import JsonBodyRoute
 from service.api.openapi import documented
 from service.api.parameters import Cursor, ModelId
 from service.api.routes.jobs import LOCATION
@@ -22,7 +23,7 @@ from service.store.uploads import Upload
 from simcore.errors import Problem, ScenarioError
 from simcore.scenario.controller_blocks import Controller, Learned
 
-router = APIRouter(prefix="/api/v1", tags=["models"])
+router = APIRouter(prefix="/api/v1", tags=["models"], route_class=JsonBodyRoute)
 
 _JSON = {"application/json": {"schema": {"type": "object"}}}
 

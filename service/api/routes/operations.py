@@ -6,11 +6,12 @@ from fastapi import APIRouter, Response
 from prometheus_client import CONTENT_TYPE_LATEST
 
 from service.api.context import ServiceOf, admin_only
+from service.api.json_bodies import JsonBodyRoute
 from service.api.openapi import documented
 from service.api.schemas.operations import ClearedView, ClearRequest
 from service.engine import retention
 
-router = APIRouter(tags=["service"])
+router = APIRouter(tags=["service"], route_class=JsonBodyRoute)
 
 
 @router.get(

@@ -7,6 +7,7 @@ from typing import Annotated
 from fastapi import APIRouter, Header, Query, Request, Response, status
 
 from service.api.context import ServiceOf
+from service.api.json_bodies import JsonBodyRoute
 from service.api.openapi import documented
 from service.api.parameters import ScheduleId
 from service.api.problems import HttpError
@@ -19,7 +20,7 @@ from service.api.schemas.schedules import (
     ScheduleView,
 )
 
-router = APIRouter(prefix="/api/v1/schedules", tags=["schedules"])
+router = APIRouter(prefix="/api/v1/schedules", tags=["schedules"], route_class=JsonBodyRoute)
 
 
 @router.post(

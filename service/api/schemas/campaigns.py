@@ -9,6 +9,7 @@ from typing import Annotated, Any, Literal, Self
 from pydantic import BaseModel, ConfigDict, Field, StringConstraints, model_validator
 
 from benchmarks.paper.comparison import as_json
+from service.api.root_path import rooted
 from service.api.schemas.timestamps import utc
 from service.campaigns.cases import CaseResult
 from service.campaigns.comparison import CampaignComparison
@@ -55,7 +56,7 @@ class CampaignView(BaseModel):
     def of(cls, overview: CampaignOverview) -> Self:
         """The JSON of a campaign and its progress."""
         campaign = overview.campaign
-        base = f"/api/v1/campaigns/{campaign.id}"
+        base = rooted(f"/api/v1/campaigns/{campaign.id}")
         return cls(
             id=campaign.id,
             name=campaign.name,

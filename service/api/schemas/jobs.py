@@ -7,6 +7,7 @@ from typing import Annotated, Any, Literal, Self
 
 from pydantic import BaseModel, ConfigDict, Field, WithJsonSchema, field_validator
 
+from service.api.root_path import rooted
 from service.api.schemas.timestamps import utc
 from service.store.job import FINISHED, INSERTION, TIME_LIMIT, TRAINING, Artefact, Event, Job, TimeLimit
 
@@ -24,6 +25,7 @@ Outcome = Literal[
     "buckled",
     "authority_lost",
     "shaft_beside",
+    "controller_failed",
 ]
 
 ScenarioInput = Annotated[
@@ -231,7 +233,7 @@ class ArtefactView(BaseModel):
     @classmethod
     def of(cls, job_id: str, artefact: Artefact) -> Self:
         """The JSON of a file of a job."""
-        url = f"/api/v1/jobs/{job_id}/artefacts/{artefact.name}"
+        url = rooted(f"/api/v1/jobs/{job_id}/artefacts/{artefact.name}")
         return cls(**{name: getattr(artefact, name) for name in ("kind", "name", "bytes", "sha256")}, url=url)
 
 
@@ -243,7 +245,7 @@ class ArtefactList(BaseModel):
 
 def links_of(job: Job) -> Links:
     """The addresses of a job that answer now."""
-    base = f"/api/v1/jobs/{job.id}"
+    base = rooted(f"/api/v1/jobs/{job.id}")
     done = job.state == FINISHED
     return Links(
         self=base,
@@ -252,7 +254,7 @@ def links_of(job: Job) -> Links:
         log=f"{base}/log",
         metrics=f"{base}/metrics" if done else None,
         series=f"{base}/series" if done and job.kind == INSERTION else None,
-        recording=f"/recordings/{job.id}.rrd" if job.started_at is not None and job.kind == INSERTION else None,
-        model=f"/api/v1/models/{(job.metrics or {})['model']}" if done and job.kind == TRAINING else None,
+        recording=rooted(f"/recordings/{job.id}.rrd") if job.started_at is not None and job.kind == INSERTION else None,
+        model=rooted(f"/api/v1/models/{(job.metrics or {})['model']}") if done and job.kind == TRAINING else None,
         artefacts=f"{base}/artefacts",
     )

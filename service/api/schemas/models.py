@@ -8,6 +8,7 @@ from typing import Any, Self
 from pydantic import BaseModel, Field
 
 from service.admission.training_request import ModelKind
+from service.api.root_path import rooted
 from service.api.schemas.jobs import JobSummary
 from service.api.schemas.timestamps import utc
 from service.files.model_content import finite_axes
@@ -62,7 +63,7 @@ class ModelView(BaseModel):
             "needle": _as(dict, trained_on.get("needle")),
             "job": model.job_id,
             "created_at": utc(model.created_at),
-            "url": f"/api/v1/models/{model.id}/content",
+            "url": rooted(f"/api/v1/models/{model.id}/content"),
         }
 
     @classmethod

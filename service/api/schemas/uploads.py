@@ -7,6 +7,7 @@ from typing import Any, Literal, Self
 
 from pydantic import BaseModel, Field
 
+from service.api.root_path import rooted
 from service.api.schemas.timestamps import utc
 from service.files.upload_names import SCHEME
 from service.store.uploads import Upload
@@ -38,7 +39,7 @@ class UploadView(BaseModel):
             reference=f"{SCHEME}{upload.id}",
             job=upload.job_id,
             created_at=utc(upload.created_at),
-            url=f"/api/v1/uploads/{upload.id}/content",
+            url=rooted(f"/api/v1/uploads/{upload.id}/content"),
         )
 
 

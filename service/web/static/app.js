@@ -1,4 +1,7 @@
-// What all pages share: requests, error messages, action buttons, marked fields.
+// What all pages share: addresses, requests, error messages, action buttons, marked fields.
+
+/** An address of the service as the browser sees it: a proxy may show it under a path of its own. */
+export const at = (path) => (document.documentElement.dataset.root ?? "") + path;
 
 /** Send a request with JSON or a file; returns {ok, status, data}, with status 0 if the service does not respond. */
 export async function send(url, { method = "POST", body, file, headers = {} } = {}) {
@@ -32,7 +35,7 @@ export function errorText(answer) {
 export function refuse(answer) {
   if (answer.status !== 401) return tell(errorText(answer), { kind: answer.status === 0 ? "bad away" : "bad" });
   tell("You are no longer logged in. ");
-  const link = { href: "/login", target: "_blank", textContent: "Log in in a new window, then try again here" };
+  const link = { href: at("/login"), target: "_blank", textContent: "Log in in a new window, then try again here" };
   document.querySelector("#messages p").append(Object.assign(document.createElement("a"), link));
 }
 

@@ -1,5 +1,5 @@
 // The list of campaigns, and the form of a new one: a dry run first, then start.
-import { unmark } from "./app.js";
+import { at, unmark } from "./app.js";
 import { refresh, span } from "./live.js";
 import { campaignFields, campaignOf, post } from "./request.js";
 
@@ -15,7 +15,7 @@ form.addEventListener("submit", async (event) => {
   event.preventDefault();
   unmark(form);
   const request = campaignOf(form);
-  const estimate = await post(form, "/api/v1/campaigns?dry_run=1", request);
+  const estimate = await post(form, at("/api/v1/campaigns?dry_run=1"), request);
   plan.replaceChildren();
   if (!estimate) return;
   checked = request;
@@ -30,8 +30,8 @@ form.addEventListener("submit", async (event) => {
 start.addEventListener("click", async () => {
   if (!checked) return;
   start.disabled = true;
-  const campaign = await post(form, "/api/v1/campaigns", checked);
-  if (campaign) location.assign(`/campaigns/${campaign.id}`);
+  const campaign = await post(form, at("/api/v1/campaigns"), checked);
+  if (campaign) location.assign(at(`/campaigns/${campaign.id}`));
 });
 
 setInterval(() => { if (document.querySelector("#campaigns .state.running")) refresh(); }, 3000);

@@ -10,8 +10,58 @@ function node(name, attributes, text) {
   return element;
 }
 
-/** Points of the path, mm: the line from entry to target with its sine across it. */
-export function curve({ entry, target, amplitude = 0, periods = 1, direction = [1, 0, 0] }, count = 200) {
+/** Points of the path, mm: the line from entry to target with its sine across it, an arc, or a curve through points. */
+export function curve(path, count = 200) {
+  if (path.through) return spline([path.entry, ...path.through], count);
+  return path.radius ? arc(path, count) : wave(path, count);
+}
+
+/** The smaller arc of a circle that bulges to a side. */
+function arc({ entry, target, radius, direction }, count) {
+  const chord = target.map((v, i) => v - entry[i]);
+  const length = Math.hypot(...chord);
+  const along = chord.map((v) => v / length);
+  const part = direction.reduce((sum, v, i) => sum + v * along[i], 0);
+  const across = direction.map((v, i) => v - part * along[i]);
+  const size = Math.hypot(...across);
+  if (!(length > 0 && size > 0 && radius >= length / 2)) return [entry, target];
+  const deep = Math.sqrt(radius * radius - (length * length) / 4), half = Math.asin(Math.min(1, length / 2 / radius));
+  return Array.from({ length: count + 1 }, (_, i) => {
+    const angle = (2 * i / count - 1) * half;
+    return entry.map((v, axis) => v + chord[axis] / 2 + ((radius * Math.cos(angle) - deep) * across[axis]) / size + radius * Math.sin(angle) * along[axis]);
+  });
+}
+
+/** The natural cubic spline through points, over the length of their polygon. */
+function spline(points, count) {
+  const n = points.length - 1;
+  const gaps = points.slice(1).map((point, i) => Math.hypot(...point.map((v, axis) => v - points[i][axis])));
+  if (n < 2 || gaps.some((gap) => !(gap > 0))) return points;
+  const bends = [0, 1, 2].map((axis) => bend(points.map((point) => point[axis]), gaps)); // second derivatives
+  const total = gaps.reduce((sum, gap) => sum + gap, 0), found = [points[0]];
+  gaps.forEach((gap, i) => {
+    const pieces = Math.max(2, Math.ceil((count * gap) / total));
+    for (let k = 1; k <= pieces; k += 1) {
+      const b = k / pieces, a = 1 - b;
+      found.push(points[i].map((v, axis) => a * v + b * points[i + 1][axis] + (((a ** 3 - a) * bends[axis][i] + (b ** 3 - b) * bends[axis][i + 1]) * gap * gap) / 6));
+    }
+  });
+  return found;
+}
+
+function bend(values, gaps) {
+  const n = values.length - 1, scale = [], right = [], found = new Array(n + 1).fill(0);
+  for (let i = 1; i < n; i += 1) {
+    const slope = (values[i + 1] - values[i]) / gaps[i] - (values[i] - values[i - 1]) / gaps[i - 1];
+    const pivot = 2 * (gaps[i - 1] + gaps[i]) - (i > 1 ? gaps[i - 1] * scale[i - 1] : 0);
+    scale[i] = gaps[i] / pivot;
+    right[i] = (6 * slope - (i > 1 ? gaps[i - 1] * right[i - 1] : 0)) / pivot;
+  }
+  for (let i = n - 1; i > 0; i -= 1) found[i] = right[i] - scale[i] * found[i + 1];
+  return found;
+}
+
+function wave({ entry, target, amplitude = 0, periods = 1, direction = [1, 0, 0] }, count) {
   const chord = target.map((v, i) => v - entry[i]);
   const length = Math.hypot(...chord);
   if (!(length > 0)) return [entry];

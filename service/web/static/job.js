@@ -1,5 +1,5 @@
 // One job: its progress as it arrives, its plots, its recording in the viewer.
-import { refuse, send } from "./app.js";
+import { at, refuse, send } from "./app.js";
 import { figure, follow, millimetres, newtons, refresh, span } from "./live.js";
 import { draw } from "./plots.js";
 
@@ -84,7 +84,7 @@ function drawLive() {
 }
 
 async function loadSeries() {
-  const answer = await send(`/api/v1/jobs/${id}/series?names=t_s,depth_m,tip_m,target_m,insertion_force_n`, { method: "GET" });
+  const answer = await send(at(`/api/v1/jobs/${id}/series?names=t_s,depth_m,tip_m,target_m,insertion_force_n`), { method: "GET" });
   if (!answer.ok) return refuse(answer);
   const { t_s, depth_m, tip_m, target_m, insertion_force_n } = answer.data;
   series = {
@@ -145,7 +145,7 @@ function settle() {
 }
 
 function listen() {
-  source = follow(`/api/v1/jobs/${id}/events?after=${job().dataset.event}`, (kind, data) => {
+  source = follow(at(`/api/v1/jobs/${id}/events?after=${job().dataset.event}`), (kind, data) => {
     if (kind === "progress") return progress(data);
     document.getElementById("spoken-progress").textContent = `The job: ${kind.replace("_", " ")}`;
     refresh();
@@ -160,7 +160,7 @@ document.getElementById("draw").addEventListener("click", loadSeries);
 function viewerUrl() {
   const recording = new URL(document.getElementById("recording").dataset.url, location.href).href;
   const theme = matchMedia("(prefers-color-scheme: dark)").matches ? "dark" : "light";
-  return `/viewer/index.html?${new URLSearchParams({ url: recording, hide_welcome_screen: "1", persist: "0", notebook: "0", theme })}`;
+  return at(`/viewer/index.html?${new URLSearchParams({ url: recording, hide_welcome_screen: "1", persist: "0", notebook: "0", theme })}`);
 }
 
 function watch() {

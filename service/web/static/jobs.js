@@ -1,8 +1,8 @@
 // The list of jobs: progress as it arrives, the list again when a job changes state.
-import { errorText, send } from "./app.js";
+import { at, errorText, send } from "./app.js";
 import { follow, millimetres, refresh, span } from "./live.js";
 
-follow("/api/v1/events", (kind, data) => {
+follow(at("/api/v1/events"), (kind, data) => {
   if (kind !== "progress") return refresh();
   const row = document.querySelector(`#jobs tr[data-key="${CSS.escape(data.job)}"]`);
   if (!row) return;
@@ -18,7 +18,7 @@ let known = ""; // the readiness texts that are shown
 
 /** What an operator should know: a disk that is nearly full, workers that do not start. */
 async function readiness() {
-  const answer = await send("/readyz", { method: "GET" });
+  const answer = await send(at("/readyz"), { method: "GET" });
   if (answer.status === 0) return; // the stream shows that
   const texts = answer.ok ? [...(answer.data.warnings ?? []), answer.data.problem].filter(Boolean) : [errorText(answer)];
   if (texts.join() === known) return; // else screen readers would repeat it

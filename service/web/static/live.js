@@ -1,4 +1,5 @@
 // Keeps a page current: events of the service, and parts of the page that are reloaded when something changed.
+import { at } from "./app.js";
 
 const PAUSE_MS = 1200; // between two reloads of the page
 let reading = false;
@@ -59,7 +60,7 @@ function answers(yes) {
 /** A stream may end for other reasons than a service that is down: check. */
 async function doubt() {
   const mine = silence;
-  const alive = await fetch("/healthz", { cache: "no-store" }).then(() => true, () => false);
+  const alive = await fetch(at("/healthz"), { cache: "no-store" }).then(() => true, () => false);
   if (silence !== mine) return;
   silence = null;
   document.getElementById("away").hidden = alive;

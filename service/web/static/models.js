@@ -1,5 +1,5 @@
 // Models: the form of a training, and uploads.
-import { errorText, mark, quiet, send, tell, unmark } from "./app.js";
+import { at, errorText, mark, quiet, send, tell, unmark } from "./app.js";
 import { follow, refresh } from "./live.js";
 
 const form = document.getElementById("train");
@@ -25,7 +25,7 @@ async function sendFile(input, kind) {
   if (!file) return null;
   quiet();
   input.disabled = true;
-  const answer = await send(`/api/v1/uploads?${new URLSearchParams({ kind, name: file.name })}`, { file });
+  const answer = await send(at(`/api/v1/uploads?${new URLSearchParams({ kind, name: file.name })}`), { file });
   input.disabled = false;
   input.value = "";
   if (answer.ok) return answer.data;
@@ -46,7 +46,7 @@ document.getElementById("file").addEventListener("change", async ({ target }) =>
 
 document.getElementById("model-file").addEventListener("change", async ({ target }) => {
   const sent = await sendFile(target, "model");
-  if (sent) location.assign(`/models/${sent.id}`);
+  if (sent) location.assign(at(`/models/${sent.id}`));
 });
 
 form.addEventListener("submit", async (event) => {
@@ -59,11 +59,11 @@ form.addEventListener("submit", async (event) => {
     const entered = value(control);
     if (entered !== undefined) body[control.dataset.field] = entered;
   }
-  const answer = await send("/api/v1/models/train", { body });
-  if (answer.ok) location.assign(`/jobs/${answer.data.id}`);
+  const answer = await send(at("/api/v1/models/train"), { body });
+  if (answer.ok) location.assign(at(`/jobs/${answer.data.id}`));
   else mark(form, answer, "data-field");
 });
 
 field("kind").addEventListener("change", settle);
 settle();
-follow("/api/v1/events", (kind) => { if (kind !== "progress") refresh(); }, refresh);
+follow(at("/api/v1/events"), (kind) => { if (kind !== "progress") refresh(); }, refresh);

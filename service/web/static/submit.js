@@ -1,5 +1,5 @@
 // The form of a scenario: changed fields become JSON; a drawing and an estimate follow.
-import { mark, quiet, send, unmark } from "./app.js";
+import { at, mark, quiet, send, unmark } from "./app.js";
 import { curve, drawing, length } from "./draw.js";
 import { span } from "./live.js";
 
@@ -122,17 +122,22 @@ function update() {
 }
 
 function picture() {
-  const size = now("tissue.size_mm"), entry = now("trajectory.entry_mm"), target = now("trajectory.target_mm");
-  if (![...size, ...entry, ...target].every(Number.isFinite)) return;
-  const sine = now("trajectory.kind") === "sine" || Boolean(now("trajectory.amplitude_mm"));
+  const kind = now("trajectory.kind") ?? "line", typed = kind === "waypoints" && now("trajectory.points_mm");
+  const through = Array.isArray(typed) && typed.length && typed.every((point) => Array.isArray(point) && point.length === 3) ? typed : null;
+  const size = now("tissue.size_mm"), entry = now("trajectory.entry_mm"), target = through ? through.at(-1) : now("trajectory.target_mm") ?? [];
+  if (![...size, ...entry, ...(through ?? [target]).flat()].every(Number.isFinite) || target.length !== 3) return;
+  const sine = kind === "sine" || Boolean(now("trajectory.amplitude_mm"));
   const path = { entry, target };
+  if (through) path.through = through;
+  if (kind === "arc") Object.assign(path, { radius: now("trajectory.radius_mm"), direction: now("trajectory.direction") });
   if (sine) Object.assign(path, { amplitude: now("trajectory.amplitude_mm"), periods: now("trajectory.periods"), direction: now("trajectory.direction") });
   const points = curve(path);
   const named = ["tissue.fixed_sets", "tissue.fixed_regions"].some((path) => (now(path) ?? []).length > 0);
   const faces = now("tissue.fixed_faces") ?? (named ? [] : ["y_min", "y_max"]);
   drawing(document.getElementById("drawing"), { size, points, faces, mesh: now("tissue.mesh_file") });
   const poses = now("controller.poses");
-  const steps = Array.isArray(poses) ? poses.length : Math.ceil(length(points) / (now("trajectory.speed_mm_s") * now("dt_s")) - 1e-9);
+  const time = kind === "reach" ? now("trajectory.time_s") : length(points) / now("trajectory.speed_mm_s");
+  const steps = Array.isArray(poses) ? poses.length : Math.ceil(time / now("dt_s") - 1e-9);
   const cells = size.map((v) => Math.max(1, Math.round(v / now("tissue.element_size_mm")))).reduce((a, b) => a * b, 1);
   const pace = form.dataset.measured === "true" ? "at the pace of recent jobs" : "at a typical pace";
   const mesh = now("tissue.mesh_file") ? "a mesh from a file" : `${cells.toLocaleString("en")} cells`;
@@ -153,8 +158,8 @@ form.addEventListener("submit", async (event) => {
   const button = form.querySelector("button[type=submit]");
   button.disabled = true;
   quiet();
-  const answer = await send("/api/v1/jobs", { body: body() });
-  if (answer.ok) { location.assign(`/jobs/${answer.data.id}`); return; }
+  const answer = await send(at("/api/v1/jobs"), { body: body() });
+  if (answer.ok) { location.assign(at(`/jobs/${answer.data.id}`)); return; }
   button.disabled = false;
   mark(form, answer, "data-path", "@");
 });

@@ -18,6 +18,12 @@ if TYPE_CHECKING:
     from simcore.mesh.formats.abaqus_keywords import Keyword
 
 MAKERS = ("NCOPY", "NGEN", "NFILL", "NMAP", "ELGEN", "ELCOPY", "SYSTEM", "PARAMETER", "IMPORT")
+MEANT = (*DATA, *MAKERS, "INCLUDE", "PART")  # an abbreviation of one of these must not be passed over
+_SHORTEST = 3
+
+
+def _abbreviates(name: str, keyword: str) -> bool:
+    return name != keyword and keyword.startswith(name)
 
 
 def read_abaqus(data: bytes) -> RawMesh:
@@ -26,6 +32,8 @@ def read_abaqus(data: bytes) -> RawMesh:
     for keyword in keywords(data):
         if keyword.name == "INCLUDE" or (keyword.name in DATA and {"INPUT", "FILE"} & keyword.parameters.keys()):
             raise keyword.fault(f"*{keyword.name[:30]} takes its data from another file, which is never read")
+        if len(keyword.name) >= _SHORTEST and any(_abbreviates(keyword.name, name) for name in MEANT):
+            raise keyword.fault(f"*{keyword.name} is no keyword: spell it out")
         if keyword.name in MAKERS:
             raise keyword.fault(f"*{keyword.name} is not read: every node and element must be written out")
         reader.read(keyword)

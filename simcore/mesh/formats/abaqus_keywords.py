@@ -19,6 +19,7 @@ KINDS = (
     ("line", 2, re.compile(r"(B[23]1|T[23]D2|R2D2|PIPE[23]1)[A-Z]*")),
 )
 SOLID = re.compile(r"(D|DC|DCC|AC|EM|E|COH|Q|G|I|C)?C?3D\d+[A-Z0-9]*|SC[68][A-Z]*|CSS8[A-Z]*|CCL\d+[A-Z]*|CIN3D.*")
+_NUMBER = re.compile(r"[+-]?([0-9]{1,40}\.?[0-9]{0,40}|\.[0-9]{1,40})([ED][+-]?[0-9]{1,2})?", re.IGNORECASE)
 
 
 @dataclass
@@ -36,16 +37,15 @@ class Keyword:
 
     def integer(self, line: int, text: str) -> int:
         """A number of a node or an element. Raises FormatError."""
-        if not re.fullmatch(r"\d{1,17}", text):
+        if not re.fullmatch(r"[0-9]{1,17}", text):
             raise self.fault(f"{text[:40]!r} is not a number of *{self.name}", line)
         return int(text)
 
     def floats(self, line: int, fields: list[str]) -> list[float]:
         """Coordinates; an empty one is 0. Raises FormatError."""
-        try:
-            return [float(text.upper().replace("D", "E")) if text else 0.0 for text in fields]
-        except ValueError:
-            raise self.fault(f"{', '.join(fields)[:60]!r} are not coordinates", line) from None
+        if not all(not text or _NUMBER.fullmatch(text) for text in fields):
+            raise self.fault(f"{', '.join(fields)[:60]!r} are not coordinates", line)
+        return [float(text.upper().replace("D", "E")) if text else 0.0 for text in fields]
 
 
 def keywords(data: bytes) -> Iterator[Keyword]:

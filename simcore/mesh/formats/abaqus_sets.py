@@ -18,6 +18,7 @@ if TYPE_CHECKING:
     from simcore.mesh.formats.raw import RawMesh
 
 MAXIMUM_MEMBERS = 8 * MAXIMUM_POINTS
+MOST_SETS, LONGEST_NAME = 1000, 200
 PART, ASSEMBLY = "part", "assembly"  # where a number counts: each has its own node 1
 
 
@@ -105,7 +106,7 @@ class SetReader:
         scopes = [where, self.where]
         if dot and self.instance is not None and instance.casefold() == self.instance.casefold():
             text, where, scopes = rest, PART, [PART]
-        if re.fullmatch(r"\d{1,17}", text):
+        if re.fullmatch(r"[0-9]{1,17}", text):
             target.add(where, [int(text)], line)
             return
         found = [self._table(scope, keyword).get(text.casefold()) for scope in scopes]
@@ -118,6 +119,9 @@ class SetReader:
 
 
 def _at(table: dict[str, Members], name: str, line: int) -> Members:
+    if len(name) > LONGEST_NAME or (len(table) >= MOST_SETS and name.casefold() not in table):
+        allowed = f"at most {MOST_SETS} sets are allowed, with names of at most {LONGEST_NAME} characters"
+        raise FormatError(f"line {line}: {allowed}")
     return table.setdefault(name.casefold(), Members(name, line))
 
 

@@ -76,6 +76,7 @@ def test_the_same_grid_is_the_same_suite() -> None:
     assert grid({}, axes).sha256 == grid({}, axes).sha256 != grid({"seed": 1}, axes).sha256
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("axes", "field", "words"),
     [

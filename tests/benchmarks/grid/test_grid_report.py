@@ -86,6 +86,7 @@ def test_seeds_alone_are_no_effect_and_one_point() -> None:
     assert "each with 3 seeds" in Page(html(report)).text
 
 
+@pytest.mark.slow
 def test_a_failure_ranks_behind_everything_and_is_listed() -> None:
     report = document(outcomes(failing=FIRST), AXES, name="stiffness", links={FIRST: "/jobs/7"})
     point = report["points"][0]

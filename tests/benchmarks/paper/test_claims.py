@@ -12,11 +12,13 @@ import pytest
 
 from benchmarks.cases import Case, Outcome
 from benchmarks.paper.analysis import box, controller_contrasts, direction_contrasts, scores, young_contrasts
+from benchmarks.paper.bands import UNKNOWN, Bands, bands_of
 from benchmarks.paper.claims import assumptions, claims
 from benchmarks.paper.comparison import as_json, compare
 from benchmarks.paper.evidence import NOT_REPRODUCED, REPRODUCED, UNDECIDED, Claim, Evidence
 from benchmarks.paper.failure_places import border_mm, face_mm, notable_cases, spots
 from benchmarks.paper.learning_studies import LearningPoint, learning_steps, seed_scores, seed_shares, variants
+from benchmarks.paper.scale import SCALES, Scale
 from benchmarks.paper.statistics import Interval
 from benchmarks.paper.table import Row, by_group, insertions_csv, only, rows
 from benchmarks.paper.timing import costs, savings
@@ -31,8 +33,10 @@ from tests.benchmarks.paper.synthetic import (
     timings,
 )
 
+NARROW = Bands(named_mm=1e-4, named_difference_mm=1e-4)
 
-def evidence_of(outcomes: list[Outcome], timing: list[Outcome] | None = None, band_mm: float | None = 1e-4) -> Evidence:
+
+def evidence_of(outcomes: list[Outcome], timing: list[Outcome] | None = None, bands: Bands = NARROW) -> Evidence:
     table = rows(outcomes)
     return Evidence(
         rows=table,
@@ -42,14 +46,12 @@ def evidence_of(outcomes: list[Outcome], timing: list[Outcome] | None = None, ba
         directions=direction_contrasts(table),
         savings=savings(rows(timing or [])),
         seeds=seed_shares(seed_scores(table)),
-        band_mm=band_mm,
+        bands=bands,
     )
 
 
-def verdicts(
-    outcomes: list[Outcome], timing: list[Outcome] | None = None, band_mm: float | None = 1e-4
-) -> dict[str, Claim]:
-    return {claim.key: claim for claim in claims(evidence_of(outcomes, timing, band_mm))}
+def verdicts(outcomes: list[Outcome], timing: list[Outcome] | None = None, bands: Bands = NARROW) -> dict[str, Claim]:
+    return {claim.key: claim for claim in claims(evidence_of(outcomes, timing, bands))}
 
 
 def pair(group: str, ifem: list[float], elm: list[float]) -> list[Outcome]:
@@ -184,6 +186,7 @@ def test_comparisons_need_a_pair() -> None:
     assert compare([], rows([outcome("a", 0.1)]), group="LIN", names=("a", "b")) is None
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("open_loop", "rigid", "floor"), [(0.04, 0.01, True), (0.04, 0.06, False)])
 def test_floor_needs_every_reference_below(open_loop: float, rigid: float, floor: bool) -> None:
     outcomes = pair("LIN", [0.001] * 10, [0.002] * 10)
@@ -225,6 +228,7 @@ def test_nothing_at_all_breaks_nothing() -> None:
     assert face_mm([]) is None
 
 
+@pytest.mark.slow
 def test_nothing_but_failures_breaks_nothing() -> None:
     failed = [Outcome(o.case, {"status": "not_converged"}) for o in [*experiments(3), *seeds(2), *sensitivity()]]
     found = verdicts(failed)
@@ -237,6 +241,7 @@ def test_nothing_but_failures_breaks_nothing() -> None:
 # ---- verdicts
 
 
+@pytest.mark.slow
 def test_the_papers_results_would_be_reproduced() -> None:
     found = verdicts([*experiments(100), *seeds()], timings(5))
     assert found["stability"].verdict == REPRODUCED
@@ -250,6 +255,7 @@ def test_the_papers_results_would_be_reproduced() -> None:
     assert "with target noise" in found["lin"].reason
 
 
+@pytest.mark.slow
 def test_few_insertions_do_not_show_that_all_are_so() -> None:
     found = verdicts(experiments(12), timings(2))
     assert found["stability"].verdict == found["submillimetric"].verdict == UNDECIDED
@@ -258,24 +264,30 @@ def test_few_insertions_do_not_show_that_all_are_so() -> None:
     assert "2 paths are too few" in found["time-text"].reason
 
 
+@pytest.mark.slow
 def test_an_unknown_band_decides_nothing_that_the_mesh_may_change() -> None:
-    found = verdicts([*experiments(100), *seeds()], timings(5), band_mm=None)
+    found = verdicts([*experiments(100), *seeds()], timings(5), bands=UNKNOWN)
+    assert found["young"].band == "ELM at two Young’s moduli on ALL: unknown"
     times = {key for key in found if key.startswith("time")}
     assert {found[key].verdict for key in found.keys() - times} == {UNDECIDED}
-    assert "not decided by this discretisation, whose band is unknown" in found["cur"].reason
+    assert "not decided by this discretisation, whose band of I-FEM minus ELM on CUR is unknown" in found["cur"].reason
     assert "not decided by this discretisation" not in found["time-text"].reason
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("band_mm", "verdict"), [(0.0, REPRODUCED), (0.09, REPRODUCED), (0.11, UNDECIDED)])
 def test_a_difference_inside_the_band_is_not_decided(band_mm: float, verdict: str) -> None:
     """0.1 mm between the two, at every end point."""
-    claim = verdicts(pair("LIN", [0.1] * 12, [0.2] * 12), band_mm=band_mm)["lin"]
+    bands = Bands(named_mm=9.0, named_difference_mm=band_mm)
+    claim = verdicts(pair("LIN", [0.1] * 12, [0.2] * 12), bands=bands)["lin"]
     assert claim.verdict == verdict
+    assert claim.band == f"I-FEM minus ELM on LIN: {band_mm:.3g} mm"
     assert ("not decided by this discretisation: 0.1 mm lie inside its band of 0.11 mm" in claim.reason) == (
         verdict == UNDECIDED
     )
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("worst_mm", "band_mm", "verdict"),
     [
@@ -290,7 +302,61 @@ def test_how_near_a_millimetre_the_worst_may_be_depends_on_the_band(
 ) -> None:
     errors = [*([0.1] * 99), worst_mm]
     outcomes = [*pair("LIN", errors, [0.1] * 100), *pair("CUR", [0.1] * 100, [0.2] * 100)]
-    assert verdicts(outcomes, band_mm=band_mm)["submillimetric"].verdict == verdict
+    bands = Bands(named_mm=band_mm, named_difference_mm=9.0)
+    assert verdicts(outcomes, bands=bands)["submillimetric"].verdict == verdict
+
+
+def measured_bands(**changes: dict[str, float | None]) -> Bands:
+    """All narrow but for these suites' quantities."""
+    known: dict[str, float | None] = dict.fromkeys(("ifem", "elm", "elm minus ifem"), 1e-4)
+    return Bands({suite: {**known, **changes.get(suite, {})} for suite in ("LIN", "CUR")}, source="a study")
+
+
+def test_each_claim_is_held_against_the_band_of_what_it_compares() -> None:
+    """A wide band of one suite's difference leaves the other suite's claim, and those about one controller."""
+    outcomes = [*pair("LIN", [0.1] * 100, [0.2] * 100), *pair("CUR", [0.2] * 100, [0.1] * 100)]
+    decided = {"lin", "cur", "submillimetric", "stability"}
+    cases: tuple[tuple[dict[str, Any], set[str]], ...] = (
+        ({}, set()),
+        ({"CUR": {"elm minus ifem": 0.3}}, {"cur"}),
+        ({"LIN": {"elm minus ifem": 0.3}}, {"lin"}),
+        ({"LIN": {"elm": 0.85}}, {"submillimetric"}),
+        ({"LIN": {"elm": 0.3}, "CUR": {"ifem": 0.3}}, set()),
+        ({"CUR": {"elm": None}}, {"submillimetric", "stability"}),
+    )
+    for changes, undecided in cases:
+        found = verdicts(outcomes, bands=measured_bands(**changes))
+        assert {key for key in decided if found[key].verdict == UNDECIDED} == undecided
+    assert found["cur"].band == "I-FEM minus ELM on CUR: 0.0001 mm"
+    assert found["stability"].band == "RMSE of I-FEM and ELM on ALL: unknown"
+
+
+def test_a_pair_that_was_not_measured_has_both_bands_together() -> None:
+    bands = measured_bands(LIN={"elm": 0.02, "ifem": 0.01})
+    assert bands.difference("LIN", "ifem", "elm").mm == bands.difference("LIN", "elm", "ifem").mm == 1e-4
+    assert bands.difference("LIN", "elm", "elm_quiet").mm == pytest.approx(0.04)
+    assert bands.difference("ALL", "elm", "elm").mm == pytest.approx(0.04)
+    assert bands.difference("LIN", "elm", "mlp").mm is None
+    assert Bands(named_mm=0.1).difference("CUR", "elm", "ifem").mm == pytest.approx(0.2)
+    assert Bands(named_difference_mm=0.1).rmse("CUR", "elm").mm is None
+    assert UNKNOWN.rmse("ALL", "ifem", "elm").mm is None
+
+
+def test_only_the_discretisation_that_was_measured_has_the_measured_bands(monkeypatch: pytest.MonkeyPatch) -> None:
+    measured = measured_bands()
+    monkeypatch.setattr("benchmarks.paper.bands.MEASURED", measured)
+    assert bands_of(SCALES["full"]) == bands_of(SCALES["extended"]) == measured
+    assert bands_of(Scale(name="mine", lin=3)) == measured
+    for other in (
+        SCALES["quick"],
+        SCALES["smoke"],
+        Scale(name="mine", dt_s=0.02),
+        Scale(name="mine", element_size_mm=5),
+    ):
+        assert bands_of(other) == UNKNOWN
+    named = bands_of(Scale(name="mine", element_size_mm=5.0, band_mm=0.1))
+    assert (named.rmse("LIN", "elm").mm, named.difference("LIN", "elm", "ifem").mm) == (0.1, 0.2)
+    assert bands_of(Scale(name="full", band_difference_mm=0.1)).rmse("LIN", "elm").mm is None
 
 
 def test_assumptions_are_those_of_the_insertions() -> None:
@@ -309,6 +375,7 @@ def test_assumptions_are_those_of_the_insertions() -> None:
 # ---- precision under variable stiffness, and what noise is good for
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("ifem_mm", "elm_mm", "count", "verdict"),
     [(0.2, 0.1, 12, REPRODUCED), (0.1, 0.2, 12, NOT_REPRODUCED), (0.1, 0.2, 4, UNDECIDED)],
@@ -323,6 +390,7 @@ def test_the_elm_under_variable_stiffness(ifem_mm: float, elm_mm: float, count: 
     assert verdicts(outcomes[:count])["young-cur"].reason.startswith("I-FEM and ELM did not both run")
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("noisy_mm", "quiet_mm", "count", "verdict"),
     [(0.1, 0.3, 12, REPRODUCED), (0.3, 0.1, 12, NOT_REPRODUCED), (0.1, 0.3, 5, UNDECIDED)],
@@ -356,6 +424,7 @@ def test_a_failure_counts_once() -> None:
     assert "1 of the 13 that did not fail have an RMSE of 1 mm or more" in verdicts(worse)["submillimetric"].reason
 
 
+@pytest.mark.slow
 def test_errors_are_compared_apart_from_failures() -> None:
     """Failures decide the test over all; beside it stands what the others say."""
     claim = verdicts(pair("CUR", [0.1] * 12, [0.2] * 3 + [math.inf] * 9))["cur"]
@@ -363,12 +432,14 @@ def test_errors_are_compared_apart_from_failures() -> None:
     assert "in the 3 pairs without a failure" in claim.reason
 
 
+@pytest.mark.slow
 def test_a_direction_that_is_turned_round_is_not_reproduced() -> None:
     found = verdicts([*pair("LIN", [0.2] * 12, [0.1] * 12), *pair("CUR", [0.1] * 12, [0.2] * 12)])
     assert found["lin"].verdict == found["cur"].verdict == NOT_REPRODUCED
     assert "opposite" in found["lin"].reason
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("count", [6, 100])
 def test_a_direction_without_significance(count: int) -> None:
     """Half better, half worse: undecided, by few and by as many as the paper had."""
@@ -388,6 +459,7 @@ def test_failures_count_against_a_controller() -> None:
     assert claim.verdict == NOT_REPRODUCED
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("near", "far", "verdict"),
     [(10, 0, REPRODUCED), (0, 10, NOT_REPRODUCED), (2, 0, UNDECIDED), (0, 0, NOT_REPRODUCED), (60, 0, NOT_REPRODUCED)],
@@ -519,6 +591,7 @@ def test_groups_other_than_the_papers_are_welcome() -> None:
     assert list(by_group(table)) == ["LIN", "soft", "ALL"]
 
 
+@pytest.mark.slow
 def test_medians_of_the_synthetic_experiments() -> None:
     """What the other tests rest on."""
     found = {(s.group, s.arm): s.median_mm for s in scores(rows(experiments(40))) if s.young == "constant"}

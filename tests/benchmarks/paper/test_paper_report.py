@@ -12,6 +12,7 @@ from xml.etree import ElementTree
 import pytest
 
 from benchmarks.cases import Case, Label, Outcome
+from benchmarks.paper.bands import Bands
 from benchmarks.paper.failure_places import notable_cases
 from benchmarks.paper.page import change, change_interval, html, interval, mm, p_value, percent, share, signed
 from benchmarks.paper.pipeline import cases_to_record
@@ -89,18 +90,21 @@ def page(report: dict[str, Any]) -> Page:
 # ---- the JSON
 
 
+@pytest.mark.slow
 def test_the_document_is_plain_json_and_the_page_follows_from_it(report: dict[str, Any]) -> None:
     again = json.loads(json.dumps(report, allow_nan=False))
     assert again["schema"] == SCHEMA
     assert html(again) == html(report)
 
 
+@pytest.mark.slow
 def test_the_order_of_outcomes_changes_nothing() -> None:
     outcomes = [*experiments(5), *seeds(4), *sensitivity()]
     one = document(outcomes, timing=timings(), learning=learning())
     assert document(outcomes[::-1], timing=timings()[::-1], learning=learning()[::-1]) == one
 
 
+@pytest.mark.slow
 def test_every_part_is_there(report: dict[str, Any]) -> None:
     assert len(report["claims"]) == 11
     assert {s["arm"] for s in report["scores"]} == {"ifem", "elm", "mlp", "open_loop", "rigid"}
@@ -118,6 +122,21 @@ def test_every_part_is_there(report: dict[str, Any]) -> None:
 # ---- the page
 
 
+@pytest.mark.slow
+def test_the_page_says_which_band_each_claim_was_held_against() -> None:
+    known: dict[str, float | None] = {"ifem": 0.011, "elm": None, "elm minus ifem-axis": 0.03, "elm minus ifem": 0.02}
+    report = document(experiments(5), bands=Bands({"LIN": known, "CUR": known}, source="a study"))
+    assert report["bands"]["suites"]["CUR"] == known
+    text = Page(html(report)).text
+    assert "Band, I-FEM minus ELM on CUR: 0.02 mm" in text
+    assert "Band, RMSE of I-FEM and ELM on ALL: unknown" in text
+    assert "Bands of this discretisation (a study): RMSE of I-FEM on LIN: 0.011 mm; RMSE of ELM on LIN: unknown" in text
+    assert "ELM minus I-FEM, axis on CUR: 0.03 mm; ELM minus I-FEM on CUR: 0.02 mm." in text
+    unknown = Page(html(document(experiments(5)))).text
+    assert "Bands of this discretisation: unknown, so that nothing the mesh may change is decided." in unknown
+
+
+@pytest.mark.slow
 def test_the_page_needs_nothing_else(page: Page, report: dict[str, Any]) -> None:
     text = html(report)
     assert not page.of("script")
@@ -156,6 +175,7 @@ def test_the_page_shows_claims_provenance_and_recordings(page: Page, report: dic
     assert sum(str(attrs["href"]).startswith("recordings/") for attrs in page.of("a")) == len(report["recordings"])
 
 
+@pytest.mark.slow
 def test_other_recorded_cases_are_linked_too() -> None:
     outcomes = experiments(6)
     everywhere = {row.id: f"r/{row.id}.rrd" for row in rows(outcomes)}
@@ -173,6 +193,7 @@ def test_names_are_escaped() -> None:
     assert not re.search(r"<(script|x.)>", text)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("outcomes", [[], [Outcome(Case("c", scenario((18.0, 31.0)), {}), {})]])
 def test_a_page_of_nothing_or_of_failures_alone(outcomes: list[Outcome]) -> None:
     report = document(outcomes)
@@ -182,6 +203,7 @@ def test_a_page_of_nothing_or_of_failures_alone(outcomes: list[Outcome]) -> None
     assert main_table_markdown(report).count("\n") == 2 + len(outcomes)
 
 
+@pytest.mark.slow
 def test_all_failed_groups_are_written_as_failed() -> None:
     outcomes = [Outcome(o.case, {"status": "not_converged"}) for o in [*experiments(3), *seeds(2), *sensitivity()]]
     times = [Outcome(o.case, {"status": "not_converged"}) for o in timings()]
@@ -210,6 +232,7 @@ def test_a_campaign_without_the_papers_labels() -> None:
 # ---- files and tables
 
 
+@pytest.mark.slow
 def test_files_are_written_and_replaced(tmp_path: Path) -> None:
     def written(count: int) -> dict[str, bytes]:
         paths = write(

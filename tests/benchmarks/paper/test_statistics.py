@@ -101,6 +101,7 @@ def test_no_signs_no_evidence(values: list[float]) -> None:
     assert rank_biserial(values) == 0.0
 
 
+@pytest.mark.slow
 @FEW
 @given(CHANGES)
 def test_tests_of_pairs_do_not_care_who_is_first(values: list[float]) -> None:
@@ -111,6 +112,7 @@ def test_tests_of_pairs_do_not_care_who_is_first(values: list[float]) -> None:
     assert rank_biserial(values) == pytest.approx(-rank_biserial(turned), abs=1e-12)
 
 
+@pytest.mark.slow
 @FEW
 @given(CHANGES)
 def test_tests_of_pairs_do_not_care_about_order(values: list[float]) -> None:

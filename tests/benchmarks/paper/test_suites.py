@@ -51,6 +51,7 @@ def packaged() -> set[str]:
     return {kind for kind in suites.LEARNED if (PACKAGED / f"{kind}.json").exists()}
 
 
+@pytest.mark.slow
 def test_no_suite_has_changed() -> None:
     pinned = json.loads(PINNED.read_text())
     assert {name: digest for name, digest in digests().items() if pinned.get(name) != digest} == {}
@@ -70,6 +71,7 @@ def counted(scale: Scale, **labels: str) -> int:
     )
 
 
+@pytest.mark.slow
 def test_full_is_the_paper() -> None:
     full = SCALES["full"]
     plain = {"young": "constant", "noise": "off"}
@@ -82,6 +84,7 @@ def test_full_is_the_paper() -> None:
     assert full.seeds >= 20
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("scale", SCALES.values(), ids=SCALES)
 def test_every_table_has_its_reference_rows(scale: Scale) -> None:
     tables = Counter(
@@ -125,6 +128,7 @@ def test_fewer_directions_are_taken_in_turn() -> None:
     assert len(set(suites.curved_paths(3))) == 12
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("scale", SCALES.values(), ids=list(SCALES))
 def test_seeds_run_where_every_controller_ran(scale: Scale) -> None:
     """So that a seed's error can be compared with those of I-FEM and the references on the same paths."""
@@ -172,6 +176,7 @@ def test_a_case_that_cannot_be_names_itself() -> None:
 # ---- scales and plans
 
 
+@pytest.mark.slow
 def test_a_plan_is_the_same_every_time_and_another_for_another_scale() -> None:
     smoke = SCALES["smoke"]
     assert Plan(smoke).sha256 == Plan(smoke).sha256
@@ -190,6 +195,7 @@ def test_a_plan_tells_time_and_space() -> None:
     assert 1e6 < plan.bytes < 1e9
 
 
+@pytest.mark.slow
 def test_the_papers_own_insertions_are_counted_apart() -> None:
     cases = [case for stage in Plan(SCALES["full"]).stages if not stage.alone for case in stage.cases]
     none = LearningCurves((), 0.0, 25, 20)

@@ -80,6 +80,7 @@ def test_the_scenarios_are_the_built_in_ones() -> None:
         assert Scenario.load(data) == preset(name)
 
 
+@pytest.mark.slow
 def test_each_run_measures_its_own_checkout(tmp_path: Path) -> None:
     old, new = made_up(tmp_path / "old", plant_s=0.005), made_up(tmp_path / "new", plant_s=0.02, digest="other")
     said: list[str] = []
@@ -117,6 +118,7 @@ def test_code_from_elsewhere_is_refused(tmp_path: Path) -> None:
         run_checkout(Checkout(folder, tmp_path / "kernels"), timed_scenarios(quick=True), clock=time.perf_counter)
 
 
+@pytest.mark.slow
 def test_the_command_prints_and_stores_the_pairs(tmp_path: Path) -> None:
     old, new = made_up(tmp_path / "old", plant_s=0.001), made_up(tmp_path / "new", plant_s=0.001)
     report = tmp_path / "pairs.json"

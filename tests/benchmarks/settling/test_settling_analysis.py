@@ -10,13 +10,14 @@ import numpy as np
 import pytest
 
 from benchmarks.paper import statistics
+from benchmarks.paper.bands import Bands
 from benchmarks.paper.evidence import NOT_REPRODUCED, REPRODUCED, UNDECIDED
 from benchmarks.paper.table import rows
-from benchmarks.settling.analysis import Planned, families, planned_comparisons, together
-from benchmarks.settling.cells import cells, planned_pairs
+from benchmarks.settling.analysis import Planned, band_of, families, planned_comparisons, together
+from benchmarks.settling.cells import AXIS, cells, planned_pairs
 from benchmarks.settling.report import document, html, write
 from benchmarks.settling.scale import SettlingScale
-from benchmarks.settling.scores import score, within_budget
+from benchmarks.settling.scores import BUDGET_MM, score, within_budget
 from tests.benchmarks.paper.synthetic import DIRECTIONS, labelled, outcome
 
 if TYPE_CHECKING:
@@ -26,7 +27,7 @@ if TYPE_CHECKING:
     from benchmarks.cases import Outcome
     from benchmarks.settling.cells import Cell
 
-SCALE = SettlingScale(name="full", band_mm=0.001)
+SCALE = SettlingScale(name="full", band_mm=0.001, band_difference_mm=0.001)
 Measure = tuple[float, float | None]  # tip RMSE (infinite: failed), largest RCM error; mm
 
 
@@ -74,6 +75,7 @@ def test_holm_by_hand() -> None:
     assert statistics.holm([]).size == 0
 
 
+@pytest.mark.slow
 def test_holm_counts_all_16_whether_they_could_be_made_or_not() -> None:
     def one_plant(cell: Cell, point: int, number: int) -> Measure | None:
         measured = elm_is(-0.1)(cell, point, number)
@@ -99,6 +101,7 @@ def test_each_verdict() -> None:
     assert {one.claim.verdict for one in planned([])} == {UNDECIDED}
 
 
+@pytest.mark.slow
 def test_ties_are_left_out_of_the_test_and_told() -> None:
     def half(cell: Cell, point: int, number: int) -> Measure:
         return elm_is(-0.2 if point < 9 else 0.0)(cell, point, number)
@@ -130,11 +133,27 @@ def test_a_difference_below_the_margin_is_told_and_one_inside_the_band_is_undeci
     assert "by less than the margin of 0.05 mm" in small.claim.reason
     (large, *_) = planned(made(elm_is(-0.2)))
     assert "margin" not in large.claim.reason
-    for band in (0.25, None):
-        scale = SCALE.model_copy(update={"band_mm": band})
+    unknown = {"band_mm": None, "band_difference_mm": None, "element_size_mm": 5.0}
+    for changes in ({"band_difference_mm": 0.25}, {"band_mm": 0.11, "band_difference_mm": None}, unknown):
+        scale = SCALE.model_copy(update=changes)
         (one, *_) = planned(made(elm_is(-0.2)), scale)
         assert one.claim.verdict == UNDECIDED
         assert "not decided by this discretisation" in one.claim.reason
+
+
+def test_each_comparison_has_the_band_of_its_treatment_of_the_remote_centre() -> None:
+    bands = Bands({"CUR": {"elm minus ifem": 0.01, "elm minus ifem-axis": 0.02}})
+    for cell in cells(SCALE):
+        if cell.arm == "ifem":
+            one = band_of(cell, bands)
+            assert one.mm == 0.02
+            assert ("the wider" in one.of) is (cell.rows != AXIS)
+    axis = next(cell for cell in cells(SCALE) if cell.rows == AXIS)
+    rows_of_weight_one = next(cell for cell in cells(SCALE) if cell.rows == 1.0)
+    other = Bands({"CUR": {"elm minus ifem": 0.03, "elm minus ifem-axis": 0.02}})
+    assert (band_of(axis, other).mm, band_of(rows_of_weight_one, other).mm) == (0.02, 0.03)
+    unknown = Bands({"CUR": {"elm minus ifem": None, "elm minus ifem-axis": 0.02}})
+    assert (band_of(axis, unknown).mm, band_of(rows_of_weight_one, unknown).mm) == (0.02, None)
 
 
 # ---- budget and failures
@@ -145,8 +164,8 @@ def test_what_is_above_the_budget_is_counted_and_left_out() -> None:
 
     def dragging(cell: Cell, point: int, number: int) -> Measure:
         if cell.arm == "ifem":
-            return 0.3, 1.0  # the budget itself is inside
-        return (0.4, 0.9) if number == 2 else (0.05, 1.0001)
+            return 0.3, BUDGET_MM  # the budget itself is inside
+        return (0.4, 2.4) if number == 2 else (0.05, 2.5001)
 
     (one, *_) = planned(made(dragging))
     assert one.budget
@@ -154,9 +173,10 @@ def test_what_is_above_the_budget_is_counted_and_left_out() -> None:
     assert (one.budget.pairs, one.budget.clusters, one.unrestricted.pairs) == (20, 20, 80)
     assert one.outside == (60, 0)
     assert (one.claim.verdict, one.claim_unrestricted.verdict) == (NOT_REPRODUCED, REPRODUCED)
-    assert "outside of the budget of 1 mm: 60 of 80 ELM, 0 of 80 I-FEM" in one.claim.reason
+    assert "outside of the budget of 2.5 mm: 60 of 80 ELM, 0 of 80 I-FEM" in one.claim.reason
 
 
+@pytest.mark.slow
 def test_without_a_pair_inside_the_budget_nothing_is_decided() -> None:
     found = planned(made(lambda cell, *_: (0.1, 3.0) if cell.arm == "elm" else (0.3, 0.2), names=ALL))
     assert {one.claim.verdict for one in found} == {UNDECIDED}
@@ -189,7 +209,7 @@ def test_a_completed_insertion_without_a_measured_rcm_error_is_not_inside() -> N
 
 def test_a_cell_shows_what_its_error_was_paid_with() -> None:
     def measure(cell: Cell, point: int, number: int) -> Measure:
-        return (math.inf, 0.5) if number == 3 else (0.1 * (number + 1), 2.0 if number == 2 else 0.5 + 0.01 * point)
+        return (math.inf, 0.5) if number == 3 else (0.1 * (number + 1), 3.0 if number == 2 else 0.5 + 0.01 * point)
 
     (cell, *_) = cells(SCALE)
     outcomes = made(measure, end_points=7)
@@ -197,12 +217,13 @@ def test_a_cell_shows_what_its_error_was_paid_with() -> None:
     assert (found.insertions, found.end_points, found.failed, found.over_budget) == (28, 7, 7, 7)
     assert found.rmse_mm.median == pytest.approx(0.25)  # 0.1, 0.2, 0.3 and a failure
     assert found.rmse_inside_mm.median == pytest.approx(0.2)  # 0.1, 0.2 and a failure
-    assert found.beside["rcm_max_mm"].median == pytest.approx(0.53)  # of stable ones: 0.53, 0.53, 2
+    assert found.beside["rcm_max_mm"].median == pytest.approx(0.53)  # of stable ones: 0.53, 0.53, 3
     assert found.beside["max_push_n"].median == 2.0
     assert found.beside["rcm_max_mm"].interval.low >= 0.5
     assert math.isnan(score(cell, []).rmse_mm.median)
 
 
+@pytest.mark.slow
 def test_a_family_has_a_verdict_if_all_of_it_has() -> None:
     def by_plant(cell: Cell, point: int, number: int) -> Measure:
         return elm_is(-0.2 if cell.plant.name == "converged" else 0.2)(cell, point, number)
@@ -219,6 +240,7 @@ def test_a_family_has_a_verdict_if_all_of_it_has() -> None:
 # ---- the report
 
 
+@pytest.mark.slow
 def test_the_report_holds_everything_and_the_page_shows_it(tmp_path: Path) -> None:
     measure = elm_is(-0.2)
     outcomes = made(lambda *where: (math.inf, 0.5) if where[2] == 3 else measure(*where), names=ALL)
@@ -226,13 +248,15 @@ def test_the_report_holds_everything_and_the_page_shows_it(tmp_path: Path) -> No
     assert {path.name for path in tmp_path.iterdir()} == {"settling.json", "settling.html", "cases.csv", "pareto.svg"}
     report = json.loads((tmp_path / "settling.json").read_text())
     assert (len(report["cells"]), len(report["planned"]), report["counts"]["insertions"]) == (20, 16, 1600)
-    assert report["rules"]["budget_mm"] == 1.0
+    assert report["rules"]["budget_mm"] == BUDGET_MM
     assert report["rules"]["margin_mm"] == 0.05
     assert len((tmp_path / "cases.csv").read_text().splitlines()) == 1601
     text = page.read_text()
     for first, second in planned_pairs(SCALE):
         assert first.name in text
         assert second.name in text
+    assert "band, ELM minus I-FEM, axis on CUR: 0.001 mm" in text
+    assert "Bands of this discretisation (named by the scale): RMSE of a controller: 0.001 mm" in text
     assert html(report) == text
     drawn = (tmp_path / "pareto.svg").read_text()
     assert drawn.count("<circle") == 20
@@ -242,4 +266,6 @@ def test_the_report_holds_everything_and_the_page_shows_it(tmp_path: Path) -> No
 def test_a_part_of_the_plan_has_a_page_too() -> None:
     outcomes = made(lambda cell, *_: (0.1, 3.0) if cell.arm == "elm" else None, end_points=1, names=ALL)
     assert "no pair of insertions to compare" in html(json.loads(json.dumps(document(outcomes, SCALE))))
+    coarse = SettlingScale(name="coarse", element_size_mm=12.0)
+    assert "Bands of this discretisation: unknown, so that nothing is decided." in html(document(outcomes, coarse))
     assert document([], SCALE)["cells"][0]["rmse_mm"]["median"] is None

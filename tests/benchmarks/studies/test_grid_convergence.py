@@ -10,9 +10,11 @@ import numpy as np
 import pytest
 
 from benchmarks.observed_run import ObservedRun
-from benchmarks.studies.convergence import FULL, PATHS, QUICK, SUITES, path_bands, path_scenario
+from benchmarks.studies.convergence import PATHS, SUITES, path_bands, path_scenario
 from benchmarks.studies.convergence_report import band_part, suite_bands
-from benchmarks.studies.grid_convergence import grid_band, observed_order, size_of
+from benchmarks.studies.discretisation import FULL, LOOP_DT_S, QUICK
+from benchmarks.studies.grid_convergence import grid_band, observed_order, ranged_band, size_of, two_grid_band
+from tests.benchmarks.studies.loops import made_paths
 
 if TYPE_CHECKING:
     from benchmarks.studies.convergence_report import PathBands
@@ -47,6 +49,35 @@ def test_results_that_swing_have_no_order() -> None:
     band = grid_band([np.array([1.0]), np.array([1.4]), np.array([1.3])], SIZES)
     assert (band.order, band.swings) == (None, True)
     assert band.finest == band.default == pytest.approx(0.4)
+
+
+@pytest.mark.parametrize(
+    ("values", "order"), [((1.0, 1.4, 1.3), None), ((1.0, 1.01, 1.4), "low"), ((1.0, 1.39, 1.4), "high")]
+)
+def test_results_without_an_order_have_three_times_their_range(
+    values: tuple[float, float, float], order: str | None
+) -> None:
+    """Whether they swing, run away or come to rest too soon: 0.4 mm between any two, 1.2 mm."""
+    band = ranged_band([np.array([value]) for value in values], SIZES)
+    assert band.finest == band.default == pytest.approx(1.2)
+    assert band.swings is (order is None)
+    assert (band.order is None) is band.swings
+
+
+@pytest.mark.parametrize("order", [0.6, 1.0, 1.9])
+def test_an_order_that_is_believed_has_roaches_band(order: float) -> None:
+    values = power_law(order)
+    assert ranged_band(values, SIZES) == grid_band(values, SIZES)
+
+
+def test_two_grids_show_no_order() -> None:
+    band = two_grid_band([np.array([0.05]), np.array([0.04])], (6.0, 4.0))
+    assert (band.order, band.finest) == (None, band.default)
+    assert band.default == pytest.approx(0.03)
+    with pytest.raises(ValueError, match="two that fall"):
+        two_grid_band([np.ones(1)] * 2, (4.0, 6.0))
+    with pytest.raises(ValueError, match="two that fall"):
+        two_grid_band([np.ones(1)] * 3, (6.0, 4.0, 3.0))
 
 
 def test_equal_results_have_no_band() -> None:
@@ -113,7 +144,7 @@ def test_a_suite_carries_the_widest_band_of_its_paths() -> None:
     paths = [made_bands(name, 1.0 + i) for i, name in enumerate(PATHS)]
     worst = suite_bands(paths, SUITES)
     assert worst["CUR"]["tip_end_mm"] == pytest.approx(4.0 * worst["LIN"]["tip_end_mm"], rel=1e-2)
-    part = band_part(0.04, paths, SUITES)
+    part = band_part(0.04, paths, SUITES, made_paths(), FULL)
     document = json.loads(part.files["convergence.json"])
     assert document["suites"] == worst
     assert document["band_mm"] == worst["CUR"]["tip_path_mm"]
@@ -121,6 +152,8 @@ def test_a_suite_carries_the_widest_band_of_its_paths() -> None:
     assert set(worst["LIN"]) == {"tip_end_mm", "tip_path_mm", "entry_force_share", "push_share"}
     ElementTree.fromstring(part.files["convergence.svg"])
     assert "| CUR |" in part.files["convergence.md"]
+    assert "## Closed loops" in part.files["convergence.md"]
+    assert document["closed_loop"]["discretisation"]["dt_s"] == LOOP_DT_S
 
 
 @pytest.mark.parametrize("chosen", [FULL, QUICK])

@@ -98,6 +98,7 @@ def tiny() -> Scenario:
     return benchmark_scenario("line", quick=True, changes=("interaction.spacing_mm=15", *changes))
 
 
+@pytest.mark.slow
 def test_a_job_leaves_what_an_observed_run_has(tiny: Scenario, tmp_path: Path) -> None:
     here = observe(tiny)
     result = observed_run.job({"scenario": tiny.resolved()}, tmp_path)

@@ -40,6 +40,7 @@ def test_the_size_of_a_block_is_that_of_the_model_that_is_made(tissue: dict[str,
     assert model.band <= size.band <= 1.05 * model.band + 12
 
 
+@pytest.mark.slow
 def test_the_size_of_a_file_is_that_of_the_model_that_is_made(tmp_path: Path) -> None:
     path, _ = write_box(tmp_path, "box.vtk")
     tissue = {"mesh_file": str(path), "fixed_faces": ["y_min", "y_max"]}
@@ -76,6 +77,7 @@ DEMO = preset("demo").resolved()
 FINE = {"tissue": {"element_size_mm": 3}, "trajectory": {"target_mm": [18, 31, 100]}}
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("scenario", "limits", "field", "told"),
     [
@@ -104,6 +106,7 @@ def test_a_job_beyond_a_limit_is_refused_with_its_estimate(
 LONG = {"dt_s": 1e-3, "controller": {"derivative": "exact"}, "trajectory": {"target_mm": [18, 31, 122]}}
 
 
+@pytest.mark.slow
 def test_a_long_job_may_take_four_times_its_estimate_and_a_short_one_an_hour(tmp_path: Path) -> None:
     cost = cost_of(Scenario.load({**LONG, "dt_s": 1e-4}))
     assert 3600 < 4 * cost.time_s < 86400

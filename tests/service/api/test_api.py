@@ -39,6 +39,7 @@ def submit(http: TestClient, **more: Any) -> dict[str, Any]:
     return body
 
 
+@pytest.mark.slow
 def test_a_submitted_job_is_accepted_and_can_be_read(http: TestClient) -> None:
     answer = http.post(JOBS, json={"scenario": {"name": "mine", "tissue": {"young_kpa": 3}}, "priority": 7})
     job = answer.json()
@@ -80,6 +81,7 @@ def test_an_empty_or_long_idempotency_key_is_422(http: TestClient, key: str) -> 
     assert (answer.status_code, answer.headers["content-type"]) == (422, "application/problem+json")
 
 
+@pytest.mark.slow
 def test_past_the_queue_limit_jobs_are_refused_for_now(tmp_path: Path) -> None:
     with idle_service(tmp_path / "full", limits=Limits(queue=2)) as (http, service):
         known = {"Idempotency-Key": "k"}
@@ -133,11 +135,13 @@ def test_an_unchanged_job_is_304(both: tuple[TestClient, Service]) -> None:
     assert changed.headers["etag"] != tag
 
 
+@pytest.mark.slow
 def test_a_long_poll_ends_after_its_time(http: TestClient) -> None:
     job = submit(http)
     assert http.get(f"{JOBS}/{job['id']}", params={"wait": 0.2}).json()["state"] == "queued"
 
 
+@pytest.mark.slow
 def test_a_long_poll_misses_no_change(both: tuple[TestClient, Service], monkeypatch: pytest.MonkeyPatch) -> None:
     http, service = both
     job_id = http.post(JOBS, json={"scenario": "line"}).json()["id"]
@@ -165,6 +169,7 @@ def test_a_job_is_cancelled_once_and_more(http: TestClient) -> None:
     assert http.get(url).status_code == 404
 
 
+@pytest.mark.slow
 def test_a_finished_job_shows_what_it_left(both: tuple[TestClient, Service]) -> None:
     http, service = both
     url = f"{JOBS}/{submit(http)['id']}"
@@ -187,6 +192,7 @@ def test_a_cancelled_job_has_no_series(http: TestClient) -> None:
     assert http.get(f"{url}/series").status_code == 404
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["other.txt", "..%2f..%2fneedlebench.sqlite", "%2e%2e/series.npz", "progress.json"])
 def test_only_registered_files_can_be_fetched(both: tuple[TestClient, Service], name: str) -> None:
     http, service = both
@@ -211,6 +217,7 @@ def test_series_come_in_three_formats(both: tuple[TestClient, Service]) -> None:
     assert "tip_m" in unknown.json()["errors"][0]["message"]
 
 
+@pytest.mark.slow
 def test_a_complete_recording_has_ranges_and_a_tag(both: tuple[TestClient, Service]) -> None:
     http, service = both
     url = f"/recordings/{submit(http)['id']}.rrd"
@@ -222,6 +229,7 @@ def test_a_complete_recording_has_ranges_and_a_tag(both: tuple[TestClient, Servi
     assert http.get(url, headers={"If-None-Match": whole.headers["etag"]}).status_code == 304
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("asked", "status"), [("bytes=99-", 416), ("bytes=x", 400)])
 def test_a_range_that_cannot_be_given_is_a_problem(both: tuple[TestClient, Service], asked: str, status: int) -> None:
     http, service = both
@@ -243,6 +251,7 @@ def test_a_job_without_recording_says_so(both: tuple[TestClient, Service]) -> No
     assert "recording.enabled" in answer.json()["detail"]
 
 
+@pytest.mark.slow
 def test_built_in_scenarios_are_a_start_for_others(http: TestClient) -> None:
     items = http.get("/api/v1/scenarios").json()["items"]
     assert [item["name"] for item in items] == ["demo", "line", "sine", "replay"]

@@ -65,6 +65,7 @@ def test_a_code_and_a_status_that_disagree_are_refused() -> None:
         code_of(503, "queue-full")
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("method", "path", "code"),
     [
@@ -101,6 +102,7 @@ def test_a_compressed_body_is_415(http: TestClient, path: str) -> None:
     assert answer.headers["accept-encoding"] == "identity"
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["a\r\nb", "a\x00b", "a\u202eb", "a\u2066b", "\u200f"])
 def test_a_name_holds_no_line_ends_and_no_marks_of_direction(http: TestClient, name: str) -> None:
     campaign = {"name": name, "grid": {"seed": [0]}}
@@ -132,6 +134,7 @@ def test_lists_are_not_kept_by_caches(http: TestClient) -> None:
         assert http.get(path).headers["cache-control"] == "no-store"
 
 
+@pytest.mark.slow
 def test_text_is_compressed_for_those_who_take_it(both: Both) -> None:
     http, service = both
     job, *_ = [http.post(JOBS, json={"scenario": "line"}).json() for _ in range(3)]
@@ -161,6 +164,7 @@ def test_an_accept_encoding_is_read_as_it_is_meant(header: str, taken: bool) -> 
     assert accepts_gzip(header) is taken
 
 
+@pytest.mark.slow
 def test_who_has_a_file_already_gets_304(both: Both) -> None:
     http, service = both
     job = http.post(JOBS, json={"scenario": "line"}).json()
@@ -182,6 +186,7 @@ def test_a_range_in_an_unknown_unit_is_ignored(both: Both) -> None:
     assert http.get(f"/recordings/{job['id']}.rrd", headers={"Range": "bytes=1-2"}).content == b"12"
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("damage", ["cut", "changed"])
 def test_a_damaged_file_is_a_problem_and_never_served_under_its_digest(both: Both, damage: str) -> None:
     http, service = both
@@ -201,3 +206,32 @@ def test_a_damaged_file_is_a_problem_and_never_served_under_its_digest(both: Bot
     for path in paths:
         answer = http.get(path)
         assert (answer.status_code, answer.json()["code"]) == (404, "file-missing")
+
+
+@pytest.mark.parametrize("asked", ["bytes=+1-+3", "bytes=1_0-2_0", "bytes =0-3", "bytes=0x1-0x2", "bytes=\xb2-\xb3"])
+def test_a_range_whose_numbers_are_none_of_http_is_refused(both: Both, asked: str) -> None:
+    http, service = both
+    http.post(JOBS, json={"scenario": "line"})
+    job = finish(service)
+    answer = http.get(f"/recordings/{job.id}.rrd", headers={"Range": asked.encode("latin-1")})  # type: ignore[dict-item]
+    assert (answer.status_code, answer.json()["code"]) == (400, "bad-request")
+
+
+@pytest.mark.parametrize(
+    "host", ["user@127.0.0.1", "127.0.0.1:99999", "127.0.0.1:8a", "127.0.0.1/x", "[::1", "a b", "localhost:1:2"]
+)
+def test_a_host_that_is_none_is_refused(http: TestClient, host: str) -> None:
+    answer = http.get("/healthz", headers={"Host": host})
+    assert (answer.status_code, answer.json()["code"]) == (400, "bad-host")
+
+
+def test_a_transfer_coding_other_than_chunked_is_not_implemented(http: TestClient) -> None:
+    answer = http.post(JOBS, content=b"{}", headers={"Transfer-Encoding": "gzip, chunked"})
+    assert (answer.status_code, answer.json()["code"]) == (501, "transfer-coding")
+
+
+@pytest.mark.parametrize("coding", ["utf-16", "utf-32", "utf-16-le"])
+def test_json_is_utf_8(http: TestClient, coding: str) -> None:
+    body = '{"scenario": "demo"}'.encode(coding)
+    answer = http.post(JOBS, content=body, headers={"Content-Type": "application/json"})
+    assert (answer.status_code, answer.json()["code"]) == (400, "json-invalid")

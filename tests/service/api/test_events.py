@@ -51,6 +51,7 @@ def test_the_events_of_a_job_are_listed_from_any_number_on(both: tuple[TestClien
     assert {item["job"] for item in everything} == {job, other}
 
 
+@pytest.mark.slow
 def test_a_browser_that_knows_all_of_an_ended_job_is_told_to_stop(both: tuple[TestClient, Service]) -> None:
     http, service = both
     job = submit(http)
@@ -61,6 +62,7 @@ def test_a_browser_that_knows_all_of_an_ended_job_is_told_to_stop(both: tuple[Te
     assert http.get(f"{JOBS}/{job}/events", headers={**headers, "Last-Event-ID": "x"}).status_code == 422
 
 
+@pytest.mark.slow
 def test_an_ended_job_streams_its_whole_log_and_ends(both: tuple[TestClient, Service]) -> None:
     http, service = both
     job = submit(http)
@@ -72,6 +74,7 @@ def test_an_ended_job_streams_its_whole_log_and_ends(both: tuple[TestClient, Ser
     assert answer.text.count("\nid: ") == 3
 
 
+@pytest.mark.slow
 def test_a_job_that_failed_is_queued_again_and_one_that_did_not_is_refused(both: tuple[TestClient, Service]) -> None:
     http, service = both
     job = submit(http)
@@ -126,6 +129,7 @@ async def _settled(hub: EventHub, streams: list[Subscription], number: int) -> N
     del hub
 
 
+@pytest.mark.slow
 def test_one_look_a_change_serves_all_streams_and_a_slow_one_is_dropped(
     both: tuple[TestClient, Service], monkeypatch: pytest.MonkeyPatch
 ) -> None:

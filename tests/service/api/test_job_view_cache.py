@@ -69,6 +69,7 @@ def change(service: Service, what: str, job: Job) -> None:
 _CHANGES = ("claim", "beat", "finish", "exchange", "crash", "recover", "retry", "pin", "unpin", "cancel", "delete")
 
 
+@pytest.mark.slow
 @settings(max_examples=examples(25))
 @given(st.lists(st.sampled_from(_CHANGES), max_size=12))
 def test_every_change_is_seen(changes: list[str]) -> None:
@@ -83,6 +84,7 @@ def test_every_change_is_seen(changes: list[str]) -> None:
         service.store.close()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("verb", ["cancel", "delete"])
 def test_what_is_done_to_a_campaign_is_done_to_its_jobs(tmp_path: Path, verb: str) -> None:
     with idle_service(tmp_path) as (http, service):

@@ -43,6 +43,7 @@ def flat(found: list[list[Any]]) -> list[Any]:
     return [item for page in found for item in page]
 
 
+@pytest.mark.slow
 def test_uploads_models_and_cases_come_by_pages(http: TestClient) -> None:
     sent = []
     for number in range(5):
@@ -63,6 +64,7 @@ def test_uploads_models_and_cases_come_by_pages(http: TestClient) -> None:
     assert flat(cases) == flat(pages(http, f"campaigns/{campaign}/jobs"))
 
 
+@pytest.mark.slow
 def test_jobs_are_listed_by_name_and_by_campaign(http: TestClient) -> None:
     for name in ("one", "two", "two"):
         http.post(f"{API}/jobs", json={"scenario": {"name": name}})
@@ -75,6 +77,7 @@ def test_jobs_are_listed_by_name_and_by_campaign(http: TestClient) -> None:
     assert len(flat(pages(http, "jobs"))) == 5
 
 
+@pytest.mark.slow
 def test_the_document_describes_scenarios_as_they_are_checked(http: TestClient) -> None:
     document = http.get("/openapi.json").json()
     schemas = document["components"]["schemas"]
@@ -88,6 +91,7 @@ def test_the_document_describes_scenarios_as_they_are_checked(http: TestClient) 
     assert not checker.is_valid({"surprise": 1})
 
 
+@pytest.mark.slow
 def test_the_document_describes_every_metric(http: TestClient) -> None:
     schemas = http.get("/openapi.json").json()["components"]["schemas"]
     assert schemas["MetricsView"]["properties"]["metrics"]["anyOf"] == [{"$ref": "#/components/schemas/Metrics"}]
@@ -101,6 +105,7 @@ def test_the_document_describes_every_metric(http: TestClient) -> None:
             assert {"type": "null"} in one["anyOf"]
 
 
+@pytest.mark.slow
 def test_a_grid_does_not_repeat_a_long_list_of_poses(http: TestClient) -> None:
     poses = [[18.0, 31.0, -180.0, 1.0, 0.0, 0.0, 0.0]] * 5000
     scenario = {"controller": {"kind": "replay", "poses": poses}}

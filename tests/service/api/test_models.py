@@ -29,6 +29,8 @@ if TYPE_CHECKING:
     from collections.abc import Iterator
     from pathlib import Path
 
+pytestmark = pytest.mark.slow
+
 JOBS, MODELS, UPLOADS = "/api/v1/jobs", "/api/v1/models", "/api/v1/uploads"
 Both = tuple[TestClient, Service]
 

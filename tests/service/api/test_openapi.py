@@ -3,6 +3,7 @@ from __future__ import annotations
 import json
 from importlib import import_module
 from pkgutil import iter_modules
+from types import SimpleNamespace
 from typing import TYPE_CHECKING, Any
 
 import pytest
@@ -10,7 +11,11 @@ import pytest
 from service.admission import campaign_planner, training_request
 from service.api import schemas
 from service.api.openapi_examples import EXAMPLES
-from tests.service.http import idle_service
+from simcore.metric_definitions import METRICS
+from simcore.rollout.result import Rollout
+from simcore.scenario.scenario import Scenario
+from tests.service.http import finish_training, idle_service
+from tests.service.learned import dataset_bytes
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -94,10 +99,12 @@ def operations(document: dict[str, Any]) -> dict[str, tuple[str, dict[str, Any]]
     }
 
 
+@pytest.mark.slow
 def test_operation_ids_are_frozen(document: dict[str, Any]) -> None:
     assert {name: where for name, (where, _) in operations(document).items()} == OPERATIONS
 
 
+@pytest.mark.slow
 def test_every_operation_says_what_it_does_and_every_error_is_a_problem(document: dict[str, Any]) -> None:
     for name, (_, operation) in operations(document).items():
         assert operation["summary"], name
@@ -107,6 +114,7 @@ def test_every_operation_says_what_it_does_and_every_error_is_a_problem(document
                 assert list(answer["content"]) == ["application/problem+json"], (name, status)
 
 
+@pytest.mark.slow
 def test_every_reference_leads_somewhere_and_the_request_has_examples(document: dict[str, Any]) -> None:
     text = json.dumps(document)
     schemas = document["components"]["schemas"]
@@ -127,6 +135,7 @@ def model_of(name: str) -> type[BaseModel]:
     return found
 
 
+@pytest.mark.slow
 def test_every_body_has_examples_and_every_example_is_one(document: dict[str, Any]) -> None:
     components = document["components"]["schemas"]
     for name, (_, operation) in operations(document).items():
@@ -141,6 +150,7 @@ def test_every_body_has_examples_and_every_example_is_one(document: dict[str, An
         assert set(example) == set(components[name]["properties"]), name
 
 
+@pytest.mark.slow
 def test_every_operation_names_its_scope(document: dict[str, Any]) -> None:
     for name, (where, operation) in operations(document).items():
         scopes = {scope for option in operation["security"] for found in option.values() for scope in found}
@@ -157,7 +167,56 @@ def test_every_operation_names_its_scope(document: dict[str, Any]) -> None:
     assert set(document["components"]["securitySchemes"]) == {"key", "login"}
 
 
+@pytest.mark.slow
 def test_every_operation_tells_its_refusals(document: dict[str, Any]) -> None:
     for name, (where, operation) in operations(document).items():
         if "/api/" in where:
             assert {"401", "403", "421", "422", "429"} <= set(operation["responses"]), name
+
+
+def component(document: dict[str, Any], reference: dict[str, str]) -> dict[str, Any]:
+    found: dict[str, Any] = document["components"]["schemas"][reference["$ref"].rpartition("/")[2]]
+    return found
+
+
+def alternatives(document: dict[str, Any], holder: str, name: str) -> list[str]:
+    allowed = document["components"]["schemas"][holder]["properties"][name]["anyOf"]
+    return [one["$ref"].rpartition("/")[2] if "$ref" in one else one["type"] for one in allowed]
+
+
+def test_results_and_metrics_of_jobs_are_described(document: dict[str, Any]) -> None:
+    assert alternatives(document, "JobView", "result") == ["InsertionResult", "TrainingResult", "null"]
+    assert alternatives(document, "JobView", "scenario") == ["Scenario", "null"]
+    for holder in ("JobView", "JobSummary"):
+        assert alternatives(document, holder, "metrics") == ["Metrics", "TrainingMetrics", "null"]
+    assert alternatives(document, "MetricsView", "metrics") == ["Metrics", "TrainingMetrics"]
+    assert alternatives(document, "MetricsView", "timing") == ["Timing", "TrainingTiming", "null"]
+
+
+def test_every_metric_is_in_the_schema_with_unit_range_and_null(document: dict[str, Any]) -> None:
+    for metric in METRICS:
+        part, *names = metric.key.split(".")
+        schema = component(document, document["components"]["schemas"]["InsertionResult"]["properties"][part])
+        for name in names[:-1]:
+            schema = schema["properties"][name]["anyOf"][0]
+        told = schema["properties"][names[-1]]
+        assert told["x-unit"] == metric.unit
+        assert told["x-sane-range"].get("minimum") == metric.low
+        assert told["x-sane-range"].get("maximum") == metric.high
+        assert {"type": "null"} in told["anyOf"]
+
+
+def test_a_result_has_the_parts_that_its_schema_names(document: dict[str, Any], tmp_path: Path) -> None:
+    scenario = Scenario.load("demo")
+    parts = ("status", "message", "metrics", "timing", "solver", "held", "digest")
+    run: Any = SimpleNamespace(scenario=scenario, warnings=[], **{part: {} for part in parts})
+    schemas_of = document["components"]["schemas"]
+    assert set(Rollout.result(run)) == set(schemas_of["InsertionResult"]["properties"])
+    with idle_service(tmp_path / "training") as (http, service):
+        sent = http.post("/api/v1/uploads", params={"kind": "dataset", "name": "d.npz"}, content=dataset_bytes()).json()
+        asked = http.post("/api/v1/models/train", json={"data": sent["reference"], "kind": "linear"})
+        finish_training(service)
+        result = http.get(asked.headers["location"]).json()["result"]
+    assert set(result) == set(schemas_of["TrainingResult"]["properties"])
+    for part, name in (("metrics", "TrainingMetrics"), ("timing", "TrainingTiming")):
+        assert set(result[part]) == set(schemas_of[name]["properties"])

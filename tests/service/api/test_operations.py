@@ -43,6 +43,7 @@ def figures(http: TestClient) -> dict[str, dict[tuple[str, ...], float]]:
     return found
 
 
+@pytest.mark.slow
 def test_metrics_count_jobs_answers_and_room(both: tuple[TestClient, Service]) -> None:
     http, service = both
     for _ in range(3):
@@ -63,6 +64,7 @@ def test_metrics_count_jobs_answers_and_room(both: tuple[TestClient, Service]) -
     assert found["process_open_fds"][()] > 0
 
 
+@pytest.mark.slow
 def test_made_up_methods_are_counted_as_one(both: tuple[TestClient, Service]) -> None:
     http, _ = both
     for number in range(5):
@@ -72,6 +74,7 @@ def test_made_up_methods_are_counted_as_one(both: tuple[TestClient, Service]) ->
     assert sum(count for labels, count in counted.items() if labels[0] == "other") == 5
 
 
+@pytest.mark.slow
 def test_methods_that_a_route_does_not_take_are_counted_as_one(both: tuple[TestClient, Service]) -> None:
     http, _ = both
     for method in ("PUT", "PATCH", "DELETE", "OPTIONS"):
@@ -80,6 +83,7 @@ def test_methods_that_a_route_does_not_take_are_counted_as_one(both: tuple[TestC
     assert {labels: count for labels, count in counted.items() if labels[2] == "405"} == {("other", JOBS, "405"): 4}
 
 
+@pytest.mark.slow
 def test_two_services_do_not_share_their_figures(tmp_path: Path) -> None:
     with idle_service(tmp_path / "a") as (one, _), idle_service(tmp_path / "b") as (other, _):
         one.post(JOBS, json={"scenario": "line"})
@@ -91,6 +95,7 @@ def levels(body: dict[str, Any]) -> dict[str, str]:
     return {check["name"]: check["level"] for check in body["checks"]}
 
 
+@pytest.mark.slow
 def test_readiness_names_what_was_looked_at(both: tuple[TestClient, Service]) -> None:
     told = both[0].get("/readyz").json()
     well = {"service": "ok", "workers": "warn", "threads": "ok", "disk": "ok", "data folder": "ok", "database": "ok"}
@@ -113,6 +118,7 @@ def test_readiness_warns_of_a_disk_that_runs_short_and_then_refuses(
     assert "no job is started below 256.0 MB" in full.json()["detail"]
 
 
+@pytest.mark.slow
 def test_readiness_warns_when_files_run_short_and_then_refuses(
     both: tuple[TestClient, Service], monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -125,6 +131,7 @@ def test_readiness_warns_when_files_run_short_and_then_refuses(
     assert "room for 0 more files (inodes): no job is started below 1000" in told.json()["detail"]
 
 
+@pytest.mark.slow
 def test_readiness_sees_a_database_that_is_locked_and_one_that_is_free_again(
     both: tuple[TestClient, Service],
 ) -> None:
@@ -148,6 +155,7 @@ def test_readiness_sees_a_data_folder_that_is_gone(both: tuple[TestClient, Servi
     assert http.get("/readyz").status_code == 200
 
 
+@pytest.mark.slow
 def test_a_draining_service_refuses_new_work(both: tuple[TestClient, Service]) -> None:
     http, service = both
     job = http.post(JOBS, json={"scenario": "line"}).json()["id"]
@@ -164,6 +172,7 @@ def doctor(*words: str) -> Result:
     return CliRunner().invoke(main, ("doctor", *words))
 
 
+@pytest.mark.slow
 def test_the_doctor_finds_a_fresh_place_well_and_changes_nothing(tmp_path: Path) -> None:
     told = doctor("--data", str(tmp_path / "data"), "--json")
     found = {check["name"]: check for check in map(json.loads, told.output.splitlines())}
@@ -175,6 +184,7 @@ def test_the_doctor_finds_a_fresh_place_well_and_changes_nothing(tmp_path: Path)
     assert not (tmp_path / "data").exists()
 
 
+@pytest.mark.slow
 def test_the_doctor_finds_a_newer_and_a_broken_database(tmp_path: Path) -> None:
     path = tmp_path / "needlebench.sqlite"
     open_database(path).dispose()
@@ -189,12 +199,14 @@ def test_the_doctor_finds_a_newer_and_a_broken_database(tmp_path: Path) -> None:
     assert (broken.exit_code, "is damaged" in broken.output) == (1, True)
 
 
+@pytest.mark.slow
 def test_the_doctor_finds_a_full_disk(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(checks, "free_bytes", lambda _: 10)
     full = doctor("--data", str(tmp_path))
     assert (full.exit_code, "needlebench gc" in full.output) == (1, True)
 
 
+@pytest.mark.slow
 def test_the_doctor_finds_a_damaged_web_viewer(tmp_path: Path) -> None:
     home = tmp_path / "viewer" / viewer_files.edition()
     home.mkdir(parents=True)

@@ -42,6 +42,7 @@ def test_every_status_of_a_run_is_an_outcome() -> None:
     assert get_args(jobs_schema.Outcome) == OUTCOMES
 
 
+@pytest.mark.slow
 def test_jobs_are_listed_by_outcome(both: tuple[TestClient, Service]) -> None:
     http, service = both
     for _ in range(4):
@@ -57,6 +58,7 @@ def test_jobs_are_listed_by_outcome(both: tuple[TestClient, Service]) -> None:
     assert "target_lost" in refused.text
 
 
+@pytest.mark.slow
 def test_the_page_of_jobs_filters_by_outcome(both: tuple[TestClient, Service]) -> None:
     http, service = both
     for _ in range(2):

@@ -73,6 +73,7 @@ def changes(http: TestClient, who: Headers) -> list[tuple[str, str, dict[str, An
     ]
 
 
+@pytest.mark.slow
 def test_of_every_change_in_the_document_it_is_known_who_may_make_it(both: Both) -> None:
     http, service = both
     for method, path, operation in changes(http, key(service, "admin")):
@@ -83,6 +84,7 @@ def test_of_every_change_in_the_document_it_is_known_who_may_make_it(both: Both)
             assert path[path.index("{") + 1 : path.index("}")] in OWNERS.keys() | FOR_ADMINS, f"{method} {path}"
 
 
+@pytest.mark.slow
 def test_every_change_of_what_is_there_is_for_its_owner_and_for_admins(both: Both) -> None:
     http, service = both
     ada, ben, admin = key(service, "submit"), key(service, "submit"), key(service, "admin")
@@ -115,6 +117,7 @@ def test_a_route_whose_owner_nobody_knows_is_refused() -> None:
                 assert named <= OWNERS.keys() | FOR_ADMINS, route.path
 
 
+@pytest.mark.slow
 def test_what_is_pinned_or_has_not_ended_is_not_deleted(both: Both) -> None:
     http, service = both
     campaign = http.post(f"{API}/campaigns", json=GRID).json()["id"]
@@ -142,6 +145,7 @@ def test_what_is_pinned_or_has_not_ended_is_not_deleted(both: Both) -> None:
     assert service.store.newest() == []
 
 
+@pytest.mark.slow
 def test_a_priority_above_the_normal_one_needs_an_admin(both: Both) -> None:
     http, service = both
     submitter, admin = key(service, "submit"), key(service, "admin")

@@ -38,6 +38,7 @@ def problem(answer: Any, status: int) -> dict[str, Any]:
     return body
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("method", "path", "status"),
     [
@@ -67,6 +68,7 @@ def test_errors_of_every_route_are_problems(http: TestClient, method: str, path:
     problem(http.request(method, path), status)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("body", "status"),
     [
@@ -133,6 +135,7 @@ VALUES = st.recursive(
 )
 
 
+@pytest.mark.slow
 @settings(max_examples=examples(150), deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(VALUES)
 def test_no_body_makes_the_server_fail(http: TestClient, value: Any) -> None:

@@ -16,7 +16,6 @@ from service.store.database import open_database
 from service.store.jobs import Store
 from service.store.schedule import GRACE_S, MOST_TICKS, next_tick, ticks, to_fire
 from service.store.schedules import ScheduleStore
-from service.store.uploads import Uploads
 from simcore.errors import ScenarioError
 from tests.service.databases import lay_down
 from tests.service.http import idle_service
@@ -59,7 +58,7 @@ class Rig:
         self.campaigns = CampaignStore(self.store)
         self.schedules = ScheduleStore(self.store, self.campaigns)
         limits = Limits()
-        self.planner = Planner(Uploads(self.path.parent / "uploads", self.store, limits).lookup, limits)
+        self.planner = Planner(self.path.parent / "uploads", limits)
 
     def reopen(self) -> None:
         self.store.close()
@@ -119,6 +118,7 @@ def test_a_line_or_zone_that_is_wrong_is_named(cron: str, zone: str, field: str)
     assert [problem.field for problem in refused.value.problems] == [field]
 
 
+@pytest.mark.slow
 @given(st.integers(1, 59), st.floats(0, 1e5))
 def test_ticks_are_in_order_and_end_with_one_to_come(minutes: int, gap_s: float) -> None:
     line, start = f"*/{minutes} * * * *", at("2026-03-01T00:00")
@@ -246,6 +246,7 @@ def test_the_life_of_a_schedule(http: tuple[TestClient, Service]) -> None:
     assert client.get(url).status_code == 404
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("change", "words"),
     [

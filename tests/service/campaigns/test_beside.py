@@ -48,6 +48,7 @@ def shown(metric: str) -> str:
     return f"{VALUES[metric]:.{BESIDE[metric][1]}f}"
 
 
+@pytest.mark.slow
 def test_every_page_and_report_with_an_rmse_has_the_columns(both: tuple[TestClient, Service]) -> None:
     http, service = both
     made = ended(http, service)
@@ -62,6 +63,7 @@ def test_every_page_and_report_with_an_rmse_has_the_columns(both: tuple[TestClie
     assert "Would yield" in http.get(f"/campaigns/{made['id']}").text
 
 
+@pytest.mark.slow
 def test_the_answers_of_the_api_have_them(both: tuple[TestClient, Service]) -> None:
     http, service = both
     made = ended(http, service)

@@ -82,6 +82,7 @@ def test_a_grid_over_element_sizes_takes_the_spacing_of_hard_points_along(both: 
     assert sorted(spec["scenario"]["interaction"]["spacing_mm"] for spec in specs) == [6.0, 10.0]
 
 
+@pytest.mark.slow
 def test_a_campaign_makes_its_jobs_and_ends_with_them(both: tuple[TestClient, Service]) -> None:
     http, service = both
     made = start(http)
@@ -116,6 +117,7 @@ def test_a_dry_run_queues_nothing(both: tuple[TestClient, Service]) -> None:
     assert http.get("/api/v1/campaigns").json()["items"] == []
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("body", "words"),
     [
@@ -136,6 +138,7 @@ def test_a_wrong_request_is_refused_whole(both: tuple[TestClient, Service], body
     assert service.store.claim() is None
 
 
+@pytest.mark.slow
 def test_single_jobs_go_before_campaigns(both: tuple[TestClient, Service]) -> None:
     http, service = both
     start(http)
@@ -145,6 +148,7 @@ def test_single_jobs_go_before_campaigns(both: tuple[TestClient, Service]) -> No
     assert claimed.id == single["id"]
 
 
+@pytest.mark.slow
 def test_cancelling_keeps_what_is_finished(both: tuple[TestClient, Service]) -> None:
     http, service = both
     made = start(http)
@@ -164,6 +168,7 @@ def test_cancelling_keeps_what_is_finished(both: tuple[TestClient, Service]) -> 
     assert http.get(made["links"]["self"]).json()["state"] == "cancelled"
 
 
+@pytest.mark.slow
 def test_results_outlive_their_jobs(both: tuple[TestClient, Service]) -> None:
     http, service = both
     done = ended(both)
@@ -177,6 +182,7 @@ def test_results_outlive_their_jobs(both: tuple[TestClient, Service]) -> None:
     assert [score["arm"] for score in before["scores"]] == ["ifem", "open_loop"]
 
 
+@pytest.mark.slow
 def test_results_as_csv_and_as_a_page(both: tuple[TestClient, Service]) -> None:
     http, _ = both
     done = ended(both)
@@ -194,6 +200,7 @@ def test_results_as_csv_and_as_a_page(both: tuple[TestClient, Service]) -> None:
         assert http.get(urljoin(done["links"]["report"], link)).status_code == 200
 
 
+@pytest.mark.slow
 def test_a_named_suite_has_the_report_of_the_paper(both: tuple[TestClient, Service]) -> None:
     http, service = both
     made = start(http, {"suite": "lin100-v2-smoke"})
@@ -205,12 +212,14 @@ def test_a_named_suite_has_the_report_of_the_paper(both: tuple[TestClient, Servi
     assert "needlebench view" not in page
 
 
+@pytest.mark.slow
 def test_jobs_without_a_result_are_failures_that_stay_in(both: tuple[TestClient, Service]) -> None:
     http, _ = both
     done = ended(both, state=FAILED)
     assert [score["stable"] for score in http.get(done["links"]["results"]).json()["scores"]] == [0.0, 0.0]
 
 
+@pytest.mark.slow
 def test_only_what_has_ended_can_be_deleted(both: tuple[TestClient, Service]) -> None:
     http, _ = both
     made = start(http)
@@ -220,6 +229,7 @@ def test_only_what_has_ended_can_be_deleted(both: tuple[TestClient, Service]) ->
     assert http.get(done["links"]["self"]).status_code == 404
 
 
+@pytest.mark.slow
 def test_two_campaigns_and_two_arms_are_compared(both: tuple[TestClient, Service]) -> None:
     http, _ = both
     one, other = ended(both, rmse_commanded_mm=0.1), ended(both, rmse_commanded_mm=0.3, digest="e")
@@ -238,6 +248,7 @@ def test_two_campaigns_and_two_arms_are_compared(both: tuple[TestClient, Service
     assert http.post("/api/v1/comparisons", json={"campaigns": [one["id"], "ffff"]}).status_code == 404
 
 
+@pytest.mark.slow
 def test_a_trend_marks_what_got_worse(both: tuple[TestClient, Service]) -> None:
     http, _ = both
     ended(both)
@@ -258,6 +269,7 @@ def test_a_trend_marks_what_got_worse(both: tuple[TestClient, Service]) -> None:
     assert points[0]["step_ms"] == pytest.approx(2.3)
 
 
+@pytest.mark.slow
 def test_campaigns_are_listed_page_by_page(both: tuple[TestClient, Service]) -> None:
     http, _ = both
     made = [start(http)["id"] for _ in range(3)]

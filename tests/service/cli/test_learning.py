@@ -63,6 +63,7 @@ def data(tmp_path: Path, quick: None) -> Path:
 # ---- dataset
 
 
+@pytest.mark.slow
 def test_a_data_set_is_written_whole_and_its_parts_are_gone(data: Path) -> None:
     found = load_dataset(data)
     assert len(found.drawn) == 300
@@ -70,6 +71,7 @@ def test_a_data_set_is_written_whole_and_its_parts_are_gone(data: Path) -> None:
     assert [path.name for path in data.parent.iterdir()] == ["data.npz"]
 
 
+@pytest.mark.slow
 def test_a_file_is_not_replaced_without_force(data: Path) -> None:
     before = data.read_bytes()
     refused = invoke("dataset", "--out", data, "--insertions", 2)
@@ -165,6 +167,7 @@ def gone(group: int, *, within_s: float) -> bool:
 # ---- train
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("kind", ["elm", "linear", "neighbours", "mlp"])
 def test_each_kind_is_trained_and_told(data: Path, kind: str) -> None:
     path = data.with_name("model.json")
@@ -177,6 +180,7 @@ def test_each_kind_is_trained_and_told(data: Path, kind: str) -> None:
     assert invoke("train", "--data", data, "--out", path, "--kind", kind).exit_code == 2
 
 
+@pytest.mark.slow
 def test_the_same_command_gives_the_same_file(data: Path) -> None:
     files = [data.with_name(f"{n}.json") for n in "abc"]
     for path, seed in zip(files, (1, 1, 2), strict=True):
@@ -186,6 +190,7 @@ def test_the_same_command_gives_the_same_file(data: Path) -> None:
     assert json.loads(one)["settings"] == {"nodes": 7, "ridge": 1e-6, "weight_range": 1.0, "seed": 1}
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
@@ -202,6 +207,7 @@ def test_wrong_arguments_are_one_line(data: Path, arguments: list[str], message:
     assert not data.with_name("model.json").exists()
 
 
+@pytest.mark.slow
 def test_without_scikit_learn_the_mlp_says_what_to_install(data: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(sys.modules, "sklearn", None)
     (missing := data.with_name("none.npz")).unlink(missing_ok=True)
@@ -231,6 +237,7 @@ def test_the_example_runs_as_it_is_and_beats_the_rigid_needle(tmp_path: Path) ->
     assert float(plugin.split()[-2]) < float(rigid.split()[-2])
 
 
+@pytest.mark.slow
 def test_the_example_mesh_is_small_and_has_named_groups(tmp_path: Path) -> None:
     """What is printed is a mesh that the reader takes, with every group that the help names."""
     text = invoke("example", "mesh").output

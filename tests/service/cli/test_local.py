@@ -85,6 +85,7 @@ def test_help_teaches_and_lists_every_command() -> None:
     assert "needlebench scenario demo > mine.json\n  needlebench run" in result.output.replace("    ", "  ")
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("option", ["--help", "--version"])
 def test_help_and_version_import_no_numbers(option: str) -> None:
     code = f"""
@@ -137,6 +138,7 @@ def test_scenario_with_an_unknown_name() -> None:
     assert result.stderr.startswith("needlebench: scenario = 'cosine': is not a built-in scenario")
 
 
+@pytest.mark.slow
 def test_run_writes_everything_and_reports(simulation: Simulation, source: str, tmp_path: Path) -> None:
     out = tmp_path / "results" / "first"
     result = invoke("run", source, "--out", str(out))
@@ -155,6 +157,7 @@ def test_run_writes_everything_and_reports(simulation: Simulation, source: str, 
     assert result.stderr == ""
 
 
+@pytest.mark.slow
 def test_run_without_recording(simulation: Simulation, source: str, tmp_path: Path) -> None:
     out = tmp_path / "out"
     result = invoke("run", source, "--out", str(out), "--set", "recording.enabled=false")
@@ -162,6 +165,7 @@ def test_run_without_recording(simulation: Simulation, source: str, tmp_path: Pa
     assert {path.name for path in out.iterdir()} == FILES - {"recording.rrd"}
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("status", "success"), [("completed", False), ("not_converged", False), ("inverted", True)])
 def test_run_without_success_is_a_result_with_exit_3(
     simulation: Simulation, source: str, tmp_path: Path, status: str, success: bool
@@ -185,6 +189,7 @@ def test_run_refuses_a_folder_that_holds_a_result(
     assert simulation.scenarios == []
 
 
+@pytest.mark.slow
 def test_run_with_force_replaces_the_whole_result(simulation: Simulation, source: str, tmp_path: Path) -> None:
     out = tmp_path / "out"
     out.mkdir()
@@ -197,6 +202,7 @@ def test_run_with_force_replaces_the_whole_result(simulation: Simulation, source
     assert json.loads((out / "result.json").read_text())["status"] == "completed"
 
 
+@pytest.mark.slow
 def test_run_set_applies_left_to_right(simulation: Simulation, source: str, tmp_path: Path) -> None:
     changes = ["tissue.young_kpa=3", "tissue.young_kpa=4.5", "name=softer", 'tissue.fixed_faces=["z_max"]']
     arguments = [part for change in changes for part in ("--set", change)]
@@ -206,6 +212,7 @@ def test_run_set_applies_left_to_right(simulation: Simulation, source: str, tmp_
     assert (ran.tissue.young_kpa, ran.name, ran.tissue.fixed_faces) == (4.5, "softer", ("z_max",))
 
 
+@pytest.mark.slow
 def test_run_set_kind_replaces_the_block(simulation: Simulation, tmp_path: Path) -> None:
     changes = ["--set", "controller.kind=open_loop", "--set", "trajectory.kind=line"]
     result = invoke("run", "demo", "--out", str(tmp_path / "out"), *changes, "--set", "dt_s=0.1")
@@ -223,6 +230,7 @@ def test_run_with_other_elements_takes_the_spacing_of_hard_points_along(simulati
     assert (ran.tissue.element_size_mm, ran.interaction.spacing_mm) == (10.0, 10.0)
 
 
+@pytest.mark.slow
 def test_run_reads_standard_input(simulation: Simulation, tmp_path: Path) -> None:
     result = invoke("run", "-", "--out", str(tmp_path / "out"), input=json.dumps(short().resolved()))
     assert result.exit_code == 0
@@ -278,6 +286,7 @@ def test_run_into_a_place_that_cannot_be(simulation: Simulation, source: str, tm
     assert simulation.scenarios == []
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("error", "code", "told"),
     [
@@ -301,6 +310,7 @@ def test_run_that_is_stopped_leaves_nothing(
     assert not out.exists()
 
 
+@pytest.mark.slow
 def test_run_that_is_stopped_leaves_the_old_result(simulation: Simulation, source: str, tmp_path: Path) -> None:
     out = tmp_path / "out"
     assert invoke("run", source, "--out", str(out)).exit_code == 0
@@ -323,6 +333,7 @@ def test_a_crash_shows_its_traceback_on_demand(
     assert "ValueError: here" in result.stderr
 
 
+@pytest.mark.slow
 def test_run_warns_of_what_is_unusual(simulation: Simulation, source: str, tmp_path: Path) -> None:
     simulation.warnings = ["RCM authority: lost"]
     result = invoke("run", source, "--out", str(tmp_path / "out"), "--set", "interaction.friction=0.5")
@@ -350,6 +361,7 @@ def rrd(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return path
 
 
+@pytest.mark.slow
 def test_view_without_a_display(rrd: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(sys, "platform", "linux")
     monkeypatch.delenv("DISPLAY", raising=False)
@@ -360,6 +372,7 @@ def test_view_without_a_display(rrd: Path, monkeypatch: pytest.MonkeyPatch) -> N
     assert "--screenshot" in result.stderr
 
 
+@pytest.mark.slow
 def test_view_starts_the_viewer_on_loopback_without_analytics(rrd: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     started: list[Any] = []
 

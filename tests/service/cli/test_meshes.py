@@ -26,6 +26,7 @@ def summary(*arguments: str) -> dict[str, Any]:
     return dict(json.loads(result.stdout))
 
 
+@pytest.mark.slow
 def test_a_box_is_described() -> None:
     told = summary(str(FILES / "nset_names.inp"))
     assert (told["nodes"], told["tetrahedra"], told["unit_mm"], told["unit_guessed"]) == (175, 576, 1.0, True)
@@ -37,12 +38,14 @@ def test_a_box_is_described() -> None:
     assert (down["entry_mm"], down["inward"], down["depth_mm"]) == ([20, 20, 0], [0, 0, 1], 60)
 
 
+@pytest.mark.slow
 def test_sets_without_nodes_and_what_is_left_out_are_said() -> None:
     told = summary(str(FILES / "refpoint.inp"))
     assert "is empty" in told["sets"]["RP"]
     assert told["left_out"] == ["1 points of no tetrahedron are left out"]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("unit_mm", "arguments"), [(1000.0, []), (10.0, []), (10.0, ["--unit-mm", "10"])])
 def test_the_unit_is_guessed_from_the_extents(tmp_path: Path, unit_mm: float, arguments: list[str]) -> None:
     """The box of 40 x 40 x 60 mm in other units; 4 cm is too little for mm."""
@@ -55,6 +58,7 @@ def test_the_unit_is_guessed_from_the_extents(tmp_path: Path, unit_mm: float, ar
     np.testing.assert_allclose(told["high_mm"], [40, 40, 60])
 
 
+@pytest.mark.slow
 def test_the_options_that_it_prints_make_a_scenario() -> None:
     result = CliRunner().invoke(main, ["mesh", str(BARREL)])
     assert result.exit_code == 0
@@ -64,6 +68,7 @@ def test_the_options_that_it_prints_make_a_scenario() -> None:
     assert scenario.tissue.fixed_sets == ("base",)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["tangled.vtu", "inc_leak.inp", "fluent_trunc.msh"])
 def test_a_mesh_that_cannot_be_used_is_refused(name: str) -> None:
     result = CliRunner().invoke(main, ["mesh", str(FILES / name)])

@@ -12,6 +12,7 @@ from service.cli.campaign_request import campaign_request
 from service.cli.main import BROKEN_PIPE
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(sys.platform == "win32", reason="there are no broken pipes on Windows")
 @pytest.mark.parametrize("arguments", [["scenario", "--fields"], ["scenario"]])
 def test_a_reader_that_leaves_is_no_crash(arguments: list[str]) -> None:
@@ -24,6 +25,7 @@ def test_a_reader_that_leaves_is_no_crash(arguments: list[str]) -> None:
     assert (done.returncode, done.stderr) == (BROKEN_PIPE, b"")
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("encoding", ["ascii", "latin-1", "utf-8"])
 def test_a_locale_without_some_letters_is_no_crash(encoding: str) -> None:
     env = {**os.environ, "LC_ALL": "POSIX", "PYTHONIOENCODING": encoding, "PYTHONUTF8": "0", "PYTHONCOERCECLOCALE": "0"}

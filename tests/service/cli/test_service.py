@@ -74,6 +74,7 @@ def test_a_table_that_cannot_be_written_is_refused_before_anything_runs(tmp_path
     assert ": there is no folder " in done.stderr
 
 
+@pytest.mark.slow
 def test_keys_are_made_listed_and_revoked_in_the_data_folder(tmp_path: Path) -> None:
     data = ("--data", str(tmp_path))
     made = needlebench("key", "create", "--scope", "admin", "--note", "me", *data)
@@ -93,6 +94,7 @@ def test_keys_are_made_listed_and_revoked_in_the_data_folder(tmp_path: Path) -> 
     assert needlebench("key", "create", "--note", "x" * 300, *data).exit_code == 2
 
 
+@pytest.mark.slow
 def test_a_warning_says_when_no_key_allows_submitting(tmp_path: Path) -> None:
     data = ("--data", str(tmp_path))
     told = [

@@ -29,6 +29,7 @@ def client_that_gets(answer: httpx2.Response) -> tuple[Client, list[httpx2.Reque
     return client, asked
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["a/pin", "..", ".", "a?wait=60", "", "../../etc", "ä b", "%2e%2e"])
 def test_an_id_stays_one_part_of_the_address(name: str) -> None:
     client, asked = client_that_gets(httpx2.Response(204))

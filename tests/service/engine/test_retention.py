@@ -80,6 +80,7 @@ def cleared(service: Service, policy: Policy, days: list[float], *, pin: int | N
 DAYS = [10.0, 50.0, 69.0, 71.0, 99.0]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("policy", "gone"),
     [
@@ -97,6 +98,7 @@ def test_jobs_go_by_age_number_and_size(both: tuple[TestClient, Service], policy
     assert cleared(both[1], policy, DAYS) == gone
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("policy", "pin", "gone"),
     [
@@ -112,6 +114,7 @@ def test_pinned_jobs_stay_and_are_not_announced_as_going(
     assert cleared(both[1], policy, DAYS, pin=pin) == gone
 
 
+@pytest.mark.slow
 def test_pinned_and_active_jobs_stay(both: tuple[TestClient, Service]) -> None:
     http, service = both
     active = http.post("/api/v1/jobs", json={"scenario": "line"}).json()["id"]
@@ -179,6 +182,7 @@ def steer(model: str) -> dict[str, object]:
     return {"trajectory": {"kind": "line"}, "controller": {"kind": "linear", "model": model}}
 
 
+@pytest.mark.slow
 def test_uploads_go_by_age_unless_something_names_them(both: tuple[TestClient, Service]) -> None:
     http, service = both
     sent = Sent(http, service)
@@ -206,6 +210,7 @@ def test_uploads_go_by_age_unless_something_names_them(both: tuple[TestClient, S
     assert sent.cleared() == {"pinned", "by_schedule"}
 
 
+@pytest.mark.slow
 def test_a_data_set_stays_as_long_as_a_model_that_learned_from_it(both: tuple[TestClient, Service]) -> None:
     http, service = both
     sent = Sent(http, service)
@@ -225,6 +230,7 @@ def test_a_data_set_stays_as_long_as_a_model_that_learned_from_it(both: tuple[Te
     assert sent.cleared() == {"trained", "data"}
 
 
+@pytest.mark.slow
 def test_a_file_without_a_row_is_swept(both: tuple[TestClient, Service]) -> None:
     """What a kill between the two leaves."""
     http, service = both
@@ -237,6 +243,7 @@ def test_a_file_without_a_row_is_swept(both: tuple[TestClient, Service]) -> None
     assert {path.name for path in service.settings.uploads.iterdir()} == {sent.ids["model"]}
 
 
+@pytest.mark.slow
 def test_over_http_and_on_the_command_line(both: tuple[TestClient, Service]) -> None:
     http, service = both
     _, ids = ended(service, Clock(), DAYS)
@@ -272,6 +279,7 @@ def test_ages_are_read(count: float, unit: str) -> None:
 # ---- by the service itself
 
 
+@pytest.mark.slow
 def test_the_keeper_sweeps_at_first_and_then_once_a_day(tmp_path: Path) -> None:
     with idle_service(tmp_path, keep_days=30.0) as (_, service):
         moments = [0.0]
@@ -295,6 +303,7 @@ def test_without_a_rule_the_service_clears_nothing(tmp_path: Path) -> None:
         assert len(service.store.ids()) == 1
 
 
+@pytest.mark.slow
 def test_a_size_alone_is_a_rule(tmp_path: Path) -> None:
     with idle_service(tmp_path, keep_gb=2500 / 2**30) as (_, service):
         _, ids = ended(service, Clock(), [97.0, 98.0, 99.0])
@@ -302,6 +311,7 @@ def test_a_size_alone_is_a_rule(tmp_path: Path) -> None:
         assert service.store.ids() == set(ids[1:])
 
 
+@pytest.mark.slow
 def test_jobs_of_a_campaign_stay_until_it_has_ended(both: tuple[TestClient, Service]) -> None:
     http, service = both
     made = http.post("/api/v1/campaigns", json={"scenario": {"noise_mm": 0.25}, "grid": {"seed": [0, 1]}}).json()[
@@ -316,6 +326,7 @@ def test_jobs_of_a_campaign_stay_until_it_has_ended(both: tuple[TestClient, Serv
     assert sorted(gone) == sorted([first.id, second.id])
 
 
+@pytest.mark.slow
 def test_all_else_in_the_data_folder_stays(both: tuple[TestClient, Service]) -> None:
     """The viewer's files are taken out of the wheel once; copies of the database are the operator's."""
     http, service = both

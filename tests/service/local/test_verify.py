@@ -54,12 +54,14 @@ def stored(rollout: Rollout, folder: Path, **changes: Any) -> Path:
     return folder / "result.json"
 
 
+@pytest.mark.slow
 def test_an_untouched_result_is_identical(rollout: Rollout, tmp_path: Path) -> None:
     told = needlebench("verify", str(stored(rollout, tmp_path)))
     assert (told.exit_code, told.output.splitlines()[0]) == (0, "identical: every bit of every state")
     assert rollout.digest in told.output
 
 
+@pytest.mark.slow
 def test_a_last_bit_is_equal_and_a_micrometre_is_different(rollout: Rollout, tmp_path: Path) -> None:
     tip = rollout.series["tip_m"].copy()
     tip[5, 2] += 5e-10
@@ -115,6 +117,7 @@ def steered(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, str]:
     return data, job.id
 
 
+@pytest.mark.slow
 def test_a_job_that_names_an_upload_is_run_again_from_its_data_folder(steered: tuple[Path, str]) -> None:
     data, job_id = steered
     told = needlebench("verify", job_id, "--data", str(data))
@@ -125,6 +128,7 @@ def test_a_job_that_names_an_upload_is_run_again_from_its_data_folder(steered: t
     assert (told.exit_code, "there is no job" in told.output) == (2, True)
 
 
+@pytest.mark.slow
 def test_a_result_whose_upload_cannot_be_found_says_so(steered: tuple[Path, str], tmp_path: Path) -> None:
     data, job_id = steered
     for name in ("result.json", "series.npz"):
@@ -179,6 +183,7 @@ def test_a_broken_series_is_named(rollout: Rollout, tmp_path: Path) -> None:
         compare({"digest": "0"}, None, rollout)
 
 
+@pytest.mark.slow
 def test_another_processor_or_blas_is_warned_of(rollout: Rollout, tmp_path: Path) -> None:
     path = stored(rollout, tmp_path)
     result = json.loads(path.read_text())

@@ -123,6 +123,7 @@ def test_the_fake_run_overwrites_what_it_handed_out() -> None:
     assert (run.tissue != tissue).any()
 
 
+@pytest.mark.slow
 def test_positions_are_recorded_exactly(kept: tuple[Path, Keeper]) -> None:
     path, keeper = kept
     entities: dict[tuple[str, str], Callable[[StepRecord], Floats]] = {
@@ -272,6 +273,7 @@ def content(path: Path) -> dict[tuple[str, str, str], str]:
     return found
 
 
+@pytest.mark.slow
 def test_the_same_run_gives_the_same_content_however_long_its_steps_take(tmp_path: Path) -> None:
     contents = []
     for name, step_s in (("first", 0.0), ("second", 0.0), ("slow", 0.3)):
@@ -293,6 +295,7 @@ def test_a_slow_run_is_sent_in_small_blocks(tmp_path: Path) -> None:
     assert max(chunk.num_rows for chunk in chunks) <= 3
 
 
+@pytest.mark.slow
 def test_nothing_is_recorded_if_the_scenario_says_so(tmp_path: Path) -> None:
     path = tmp_path / "recording.rrd"
     with RerunObserver(path, recording_id="off") as recorder:
@@ -301,6 +304,7 @@ def test_nothing_is_recorded_if_the_scenario_says_so(tmp_path: Path) -> None:
     assert list(tmp_path.iterdir()) == []
 
 
+@pytest.mark.slow
 def test_a_run_that_raises_leaves_a_readable_recording(tmp_path: Path) -> None:
     path = tmp_path / "recording.rrd"
     with pytest.raises(RuntimeError, match="stop here"), RerunObserver(path, recording_id="r") as recorder:
@@ -309,6 +313,7 @@ def test_a_run_that_raises_leaves_a_readable_recording(tmp_path: Path) -> None:
     assert list(recorded(path, "world/tip", "Points3D:positions")) == list(range(78))
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(sys.platform != "linux", reason="counts native threads by /proc")
 def test_recordings_leave_no_threads_however_they_end(tmp_path: Path) -> None:
     def ends(name: str, run: FakeRun) -> None:
@@ -355,6 +360,7 @@ with RerunObserver(Path(sys.argv[1]), recording_id="killed", clock=lambda: 0.0) 
 """
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(os.name == "nt", reason="POSIX signals")
 @pytest.mark.parametrize(
     ("sent", "code", "steps"),
@@ -370,6 +376,7 @@ def test_a_killed_run_leaves_a_readable_recording(tmp_path: Path, sent: str, cod
     assert list(recorded(path, "world/tip", "Points3D:positions")) == list(steps)
 
 
+@pytest.mark.slow
 def test_the_file_grows_while_the_run_goes_on(tmp_path: Path) -> None:
     path = tmp_path / "recording.rrd"
     seen: list[int] = []
@@ -387,6 +394,7 @@ def test_the_file_grows_while_the_run_goes_on(tmp_path: Path) -> None:
     assert seen == list(range(2 * BLOCK_STEPS))
 
 
+@pytest.mark.slow
 def test_a_place_that_cannot_be_written_is_a_warning(tmp_path: Path) -> None:
     keeper = Keeper()
     with RerunObserver(tmp_path / "missing" / "recording.rrd", recording_id="w") as recorder:
@@ -396,6 +404,7 @@ def test_a_place_that_cannot_be_written_is_a_warning(tmp_path: Path) -> None:
     assert len(keeper.records) == STEPS + 1
 
 
+@pytest.mark.slow
 def test_a_record_that_cannot_be_drawn_is_a_warning(tmp_path: Path) -> None:
     class Broken(FakeRun):
         def record(self, step: int) -> StepRecord:
@@ -425,6 +434,7 @@ print(recorder.warning)
 """
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(os.name == "nt", reason="POSIX limits")
 def test_a_full_disk_is_a_warning(tmp_path: Path) -> None:
     root = Path(recording.__file__).parents[2]
@@ -461,6 +471,7 @@ def test_plain_values() -> None:
     assert plain == {"a.b": 1.0, "a.d": '[1, "x"]', "e": True, "g": "text"}
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("long_steps", "compacted"), [(STEPS, 1), (STEPS + 1, 0)])
 def test_only_long_recordings_are_compacted(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, long_steps: int, compacted: int

@@ -94,6 +94,7 @@ def taken(rrd: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Any:
     assert list(tmp_path.glob(".*")) == []
 
 
+@pytest.mark.slow
 def test_it_waits_for_the_last_step_and_for_two_equal_pictures(taken: Any) -> None:
     viewer = SlowViewer(loads=[None, 0.2, 0.9, END_S], draws=[png(1), png(2), png(3), png(3)])
     image = taken(viewer)

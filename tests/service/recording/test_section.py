@@ -47,6 +47,7 @@ def test_sharp_edges_are_the_twelve_edges_of_the_box() -> None:
     assert (on_faces >= 2).all()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("behind_m", [0.0, 1e-3, 3e-3])
 @pytest.mark.parametrize("element_size_mm", [4.0, 6.0, 7.5])
 def test_section_covers_the_plane_and_nothing_else(behind_m: float, element_size_mm: float) -> None:

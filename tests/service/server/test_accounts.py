@@ -23,6 +23,8 @@ from tests.service.http import HERE, idle_service
 if TYPE_CHECKING:
     from pathlib import Path
 
+pytestmark = pytest.mark.slow
+
 JOBS = "/api/v1/jobs"
 NOBODY = 65534
 linux = pytest.mark.skipif(sys.platform != "linux", reason="only Linux says which account holds a connection")

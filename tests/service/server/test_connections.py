@@ -77,6 +77,7 @@ async def status_of(reader: asyncio.StreamReader) -> int:
     return int((await reader.readline()).split()[1])
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("sent", [b"GET / HTTP/1.1\r\nHost: loc", b"G"])
 def test_headers_that_do_not_come_to_their_end_are_408(sent: bytes) -> None:
     async def scenario() -> None:
@@ -88,6 +89,7 @@ def test_headers_that_do_not_come_to_their_end_are_408(sent: bytes) -> None:
     checked(scenario())
 
 
+@pytest.mark.slow
 def test_a_connection_that_says_nothing_is_closed() -> None:
     async def scenario() -> None:
         async with listening(header_s=0.2) as (port, state):
@@ -98,6 +100,7 @@ def test_a_connection_that_says_nothing_is_closed() -> None:
     checked(scenario())
 
 
+@pytest.mark.slow
 def test_a_body_that_drips_is_408_and_one_that_flows_is_read() -> None:
     async def scenario() -> None:
         head = b"POST / HTTP/1.1\r\nHost: localhost\r\nContent-Length: 100000\r\n\r\n"
@@ -117,6 +120,7 @@ def test_a_body_that_drips_is_408_and_one_that_flows_is_read() -> None:
     checked(scenario())
 
 
+@pytest.mark.slow
 def test_who_takes_nothing_of_a_long_answer_is_dropped() -> None:
     async def scenario() -> None:
         async with listening(stall_s=0.3) as (port, state):
@@ -173,11 +177,23 @@ def test_the_host_of_an_absolute_address_counts_and_not_the_header(target: str, 
     checked(scenario())
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("target", ["*", "evil.example:80", "http:///a", "a"])
 def test_what_is_no_address_is_400(target: str) -> None:
     async def scenario() -> None:
         async with listening() as (port, _):
             reader, _ = await connected(port, f"OPTIONS {target} HTTP/1.1\r\nHost: localhost\r\n\r\n".encode())
             assert await status_of(reader) == 400
+
+    checked(scenario())
+
+
+def test_fields_after_a_body_are_dropped() -> None:
+    async def scenario() -> None:
+        head = b"POST / HTTP/1.1\r\nHost: localhost\r\nConnection: close\r\nTransfer-Encoding: chunked\r\n\r\n"
+        async with listening() as (port, _):
+            reader, _ = await connected(port, head + b"1\r\nx\r\n0\r\nHost: evil.example\r\n\r\n")
+            answer = await reader.read()
+            assert b'"hosts": ["localhost"]' in answer
 
     checked(scenario())

@@ -76,6 +76,7 @@ def jobs_in(data: Path) -> int:
 # -- the check at the start
 
 
+@pytest.mark.slow
 def test_a_killed_server_leaves_nothing_to_complain_of(store: Store, data: Path, tmp_path: Path) -> None:
     submit(store, 22)
     killed = as_killed(store, data, tmp_path / "killed")
@@ -83,6 +84,7 @@ def test_a_killed_server_leaves_nothing_to_complain_of(store: Store, data: Path,
     assert jobs_in(killed) == 22
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("share", [0.0, 0.2, 0.5, 0.95])
 def test_a_log_that_was_cut_is_refused_with_the_ways_on(store: Store, data: Path, tmp_path: Path, share: float) -> None:
     submit(store, 22)
@@ -105,6 +107,7 @@ def test_a_log_that_was_removed_is_refused(store: Store, data: Path, tmp_path: P
         open_database(killed / DATABASE)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("damage", ["zeros inside", "cut in half", "another file", "empty pages"])
 def test_a_damaged_file_is_refused_with_the_newest_backup(store: Store, data: Path, damage: str) -> None:
     submit(store, 200)
@@ -235,6 +238,7 @@ def test_a_restore_that_was_killed_is_refused_until_it_is_done_again(
     assert jobs_in(killed) == 2
 
 
+@pytest.mark.slow
 def test_there_is_one_backup_a_day_and_the_oldest_go(store: Store, data: Path) -> None:
     submit(store, 1)
     made = [daily_backup(data, 3, now=1e9 + hours * 3600.0) for hours in range(0, 24 * 6, 12)]
@@ -256,6 +260,7 @@ backups.take_backup(Path(sys.argv[1]), Path(sys.argv[2]), with_files=True, now=1
 """
 
 
+@pytest.mark.slow
 def test_a_backup_that_is_killed_leaves_no_backup_and_a_sound_store(store: Store, data: Path, tmp_path: Path) -> None:
     for job_id in submit(store, 60):
         with_file(store, data, job_id)

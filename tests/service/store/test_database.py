@@ -38,6 +38,7 @@ def test_opening_twice_changes_nothing(tmp_path: Path) -> None:
         open_database(tmp_path / "a.sqlite").dispose()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("revision", ["0005", "9999"])
 def test_a_database_of_another_version_is_refused_and_left_alone(tmp_path: Path, revision: str) -> None:
     path = tmp_path / "a.sqlite"
@@ -92,6 +93,7 @@ def upgrade():
 """
 
 
+@pytest.mark.slow
 def test_an_older_database_is_copied_then_upgraded_with_its_jobs(
     next_revision: Path, caplog: pytest.LogCaptureFixture
 ) -> None:
@@ -112,6 +114,7 @@ def test_an_older_database_is_copied_then_upgraded_with_its_jobs(
     assert len(list(backups.iterdir())) == 1
 
 
+@pytest.mark.slow
 def test_an_upgrade_that_fails_leaves_the_database_as_it_was(
     next_revision: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

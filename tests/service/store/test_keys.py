@@ -63,6 +63,7 @@ def test_without_a_key_nobody_is_asked_and_from_the_first_one_on_everybody(both:
     assert http.get(JOBS, headers=bearer(service, "admin")).status_code == 200, "the command line is the way back in"
 
 
+@pytest.mark.slow
 def test_scopes_are_steps(both: tuple[TestClient, Service]) -> None:
     http, service = both
     by = {scope: bearer(service, scope) for scope in ("read", "submit", "admin")}
@@ -76,6 +77,7 @@ def test_scopes_are_steps(both: tuple[TestClient, Service]) -> None:
     assert "scope submit; yours has read" in refused.json()["detail"]
 
 
+@pytest.mark.slow
 def test_what_another_key_made_is_changed_by_admin_only(both: tuple[TestClient, Service]) -> None:
     http, service = both
     mine, other, admin = (bearer(service, scope) for scope in ("submit", "submit", "admin"))
@@ -94,6 +96,7 @@ def test_what_another_key_made_is_changed_by_admin_only(both: tuple[TestClient, 
     assert http.delete(urls[1], headers=admin).status_code == 204
 
 
+@pytest.mark.slow
 def test_admins_make_list_and_revoke_keys(both: tuple[TestClient, Service]) -> None:
     http, service = both
     assert http.post("/api/v1/keys", json={"scope": "admin"}).status_code == 409, "it would lock everybody out"
@@ -131,6 +134,7 @@ def test_two_keys_may_use_the_same_idempotency_key(both: tuple[TestClient, Servi
     assert job(one) != job(two)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("change", ["cut", "longer", "other", "revoked", "basic", "none"])
 def test_a_wrong_key_is_401(both: tuple[TestClient, Service], change: str) -> None:
     http, service = both
@@ -189,6 +193,7 @@ def test_the_key_of_the_environment_is_admin(tmp_path: Path) -> None:
         assert http.get(JOBS, headers={"Authorization": "Bearer correct-horse"}).status_code == 200
 
 
+@pytest.mark.slow
 def test_an_open_address_is_accepted_once_there_is_a_key(tmp_path: Path) -> None:
     settings = Settings(data=tmp_path)
     assert not keys_exist(settings.database)
@@ -212,6 +217,7 @@ def test_a_file_that_is_no_database_of_ours_holds_no_keys(tmp_path: Path) -> Non
     assert not keys_exist(tmp_path / "b.sqlite")
 
 
+@pytest.mark.slow
 def test_a_key_that_asks_too_often_has_to_wait(tmp_path: Path) -> None:
     with idle_service(tmp_path, limits=Limits(rate_per_key=0.5)) as (http, service):
         first, second = bearer(service, "read"), bearer(service, "read")

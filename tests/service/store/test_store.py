@@ -86,6 +86,7 @@ def test_claims_go_by_priority_then_by_arrival(store: Store) -> None:
     assert store.claim() is None
 
 
+@pytest.mark.slow
 def test_many_claimants_never_get_the_same_job(store: Store) -> None:
     for _ in range(40):
         submit(store)
@@ -193,6 +194,7 @@ def test_a_result_with_nan_is_refused_and_the_job_stays(store: Store) -> None:
     assert store.get(running.id).state == "running"
 
 
+@pytest.mark.slow
 def test_the_death_of_the_server_is_laid_to_a_job_that_ran_each_time_of_many(store: Store) -> None:
     job = submit(store)
     for attempt in range(1, MAXIMUM_DEATHS):
@@ -210,6 +212,7 @@ def test_the_death_of_the_server_is_laid_to_a_job_that_ran_each_time_of_many(sto
     assert forgiven.state == "queued"
 
 
+@pytest.mark.slow
 def test_orderly_stops_and_crashes_of_a_worker_are_no_deaths_of_the_server(store: Store) -> None:
     job = submit(store)
     for _ in range(2 * MAXIMUM_DEATHS):
@@ -291,6 +294,7 @@ def test_a_clock_that_is_set_back_orders_nothing(tmp_path: Path) -> None:
 ACTIONS = ("retry", "claim", "finish", "fail", "crash", "stop", "cancel", "recover", "beat")
 
 
+@pytest.mark.slow
 @settings(max_examples=examples(25), deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(st.lists(st.sampled_from(ACTIONS), max_size=25))
 def test_whatever_happens_only_legal_steps_are_taken(store: Store, actions: list[str]) -> None:

@@ -45,6 +45,7 @@ def order(store: Store, count: int) -> list[str]:
     return [job.name for job in claimed if job is not None]
 
 
+@pytest.mark.slow
 def test_a_large_campaign_holds_nobody_up(store: Store) -> None:
     campaign(store, "a", "ada", 2000)
     assert order(store, 3) == ["a0", "a1", "a2"]

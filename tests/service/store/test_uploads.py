@@ -66,6 +66,7 @@ def scenario(reference: str) -> dict[str, Any]:
     }
 
 
+@pytest.mark.slow
 def test_the_same_content_is_one_upload(http: TestClient, tmp_path: Path) -> None:
     data = box(tmp_path)
     first = send(http, data, **{"Content-Type": "application/octet-stream"})
@@ -81,6 +82,7 @@ def test_the_same_content_is_one_upload(http: TestClient, tmp_path: Path) -> Non
     assert http.get(told["url"]).content == data
 
 
+@pytest.mark.slow
 def test_a_job_names_an_upload_and_holds_it_until_it_has_ended(
     both: tuple[TestClient, Service], tmp_path: Path
 ) -> None:
@@ -100,6 +102,7 @@ def test_a_job_names_an_upload_and_holds_it_until_it_has_ended(
     assert "no upload of this service" in told.json()["detail"]
 
 
+@pytest.mark.slow
 def test_a_replay_names_its_poses_as_an_upload_and_never_as_a_path(http: TestClient, tmp_path: Path) -> None:
     rows = np.array([[18.0, 31.0, -180.0 + 0.5 * i, 1.0, 0.0, 0.0, 0.0] for i in range(1000)])
     np.save(tmp_path / "log.npy", rows)
@@ -124,6 +127,7 @@ def test_a_replay_names_its_poses_as_an_upload_and_never_as_a_path(http: TestCli
     assert "rows of 7 numbers, and is 1000 x 6" in refused.json()["detail"]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("path", [JOBS, "/api/v1/campaigns"])
 def test_an_upload_that_goes_while_something_is_submitted_is_told(
     both: tuple[TestClient, Service], tmp_path: Path, path: str
@@ -141,6 +145,7 @@ def test_an_upload_that_goes_while_something_is_submitted_is_told(
     assert service.store.newest() == []
 
 
+@pytest.mark.slow
 def test_a_mesh_that_does_not_fit_the_scenario_is_refused_at_submission(http: TestClient, tmp_path: Path) -> None:
     wrong = scenario(send(http, box(tmp_path)).json()["reference"])
     wrong["trajectory"]["entry_mm"] = [10, 20, 5]
@@ -148,6 +153,7 @@ def test_a_mesh_that_does_not_fit_the_scenario_is_refused_at_submission(http: Te
     assert (told.status_code, told.json()["errors"][0]["field"]) == (422, "trajectory.entry_mm")
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "name",
     ["../box.vtk", "/etc/box.vtk", "a/b.vtk", "a\\b.vtk", "..", ".vtk", "box\x00.vtk", "b" * 200 + ".vtk", "ü.vtk", ""],
@@ -158,6 +164,7 @@ def test_a_name_is_a_label_and_no_path(http: TestClient, tmp_path: Path, name: s
     assert not (tmp_path / "data" / "uploads").exists()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("name", "kind", "content_type"),
     [
@@ -188,6 +195,7 @@ def test_a_long_file_is_413_declared_or_not_and_leaves_nothing(both: tuple[TestC
     assert list(service.settings.uploads.iterdir()) == []
 
 
+@pytest.mark.slow
 def test_content_that_is_not_what_its_suffix_says_is_refused_and_leaves_nothing(
     both: tuple[TestClient, Service], tmp_path: Path
 ) -> None:
@@ -198,6 +206,7 @@ def test_content_that_is_not_what_its_suffix_says_is_refused_and_leaves_nothing(
     assert list(service.settings.uploads.iterdir()) == []
 
 
+@pytest.mark.slow
 def test_what_is_in_a_model_and_in_a_data_set_is_told(http: TestClient) -> None:
     told = send(http, dataset_bytes(rows=40), "data.npz", "dataset").json()["content"]
     assert told["splits"] == {"sample": [72, 8], "trajectory": [40, 40]}
@@ -340,6 +349,7 @@ def test_json_that_is_no_plain_object_is_refused(tmp_path: Path, data: bytes) ->
         looked(tmp_path, data, ".json")
 
 
+@pytest.mark.slow
 def test_a_mesh_that_expands_without_end_costs_a_refusal(tmp_path: Path) -> None:
     """A compressed .vtu of 8 MB that would unpack to 6 GB."""
     with idle_service(tmp_path) as (http, service):
@@ -372,6 +382,7 @@ def test_what_a_dead_server_left_half_received_is_swept(tmp_path: Path) -> None:
         assert not left.exists()
 
 
+@pytest.mark.slow
 def test_all_uploads_together_have_a_limit(tmp_path: Path) -> None:
     text = [model_bytes("linear", ridge=ridge) for ridge in (0.1, 0.2)]
     with idle_service(tmp_path / "data", limits=Limits(uploads_mb=1.5e-6 * len(text[0]))) as (http, service):
@@ -385,6 +396,7 @@ def test_all_uploads_together_have_a_limit(tmp_path: Path) -> None:
         assert send(http, text[1], "b.json", "model").status_code == 201
 
 
+@pytest.mark.slow
 def test_limits_are_told_in_the_estimate(tmp_path: Path) -> None:
     with idle_service(tmp_path / "data", limits=Limits(nodes=100)) as (http, _):
         reference = send(http, box(tmp_path)).json()["reference"]
@@ -395,6 +407,7 @@ def test_limits_are_told_in_the_estimate(tmp_path: Path) -> None:
     assert json.dumps(told)
 
 
+@pytest.mark.slow
 def test_what_is_still_coming_in_is_counted_and_removed(tmp_path: Path) -> None:
     with idle_service(tmp_path / "data", limits=Limits(uploads_mb=0.01)) as (http, service):
         uploads = service.uploads
@@ -427,6 +440,7 @@ def test_a_disk_that_is_full_during_an_upload_is_507_and_leaves_nothing(
     assert list(service.settings.uploads.iterdir()) == []
 
 
+@pytest.mark.slow
 def test_a_truncated_archive_of_arrays_is_422(http: TestClient) -> None:
     whole = dataset_bytes()
     for length in (10, 200, len(whole) // 2, len(whole) - 30):

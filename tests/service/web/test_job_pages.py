@@ -34,6 +34,7 @@ def submit(http: TestClient, **more: Any) -> str:
     return made
 
 
+@pytest.mark.slow
 def test_a_job_that_waits_says_why(pages: tuple[TestClient, Service], monkeypatch: pytest.MonkeyPatch) -> None:
     http, service = pages
     first, second, third = submit(http), submit(http), submit(http)
@@ -50,6 +51,7 @@ def test_a_job_that_waits_says_why(pages: tuple[TestClient, Service], monkeypatc
     assert "ahead of it" not in http.get(f"/jobs/{urgent}").text
 
 
+@pytest.mark.slow
 def test_a_job_leads_to_its_campaign_and_a_case_says_its_values(pages: tuple[TestClient, Service]) -> None:
     http, _ = pages
     alone = submit(http)
@@ -92,6 +94,7 @@ def test_a_course_is_of_one_attempt_and_never_long() -> None:
     assert len(trace.points_of(second)) == 1  # type: ignore[arg-type]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "address", ["/nothing", "/?state=odd", "/jobs/%3Cscript%3E", "/trends/", "/campaigns?cursor=x"]
 )
@@ -107,6 +110,7 @@ def test_a_browser_gets_a_page_of_what_went_wrong(pages: tuple[TestClient, Servi
     assert told.headers["content-type"] == "application/problem+json"
 
 
+@pytest.mark.slow
 def test_addresses_that_are_no_pages_tell_their_problem_as_json(pages: tuple[TestClient, Service]) -> None:
     http, _ = pages
     for address in ("/api/v1/jobs/0", "/static/0/none.css", "/recordings/0.rrd", "/viewer/none"):

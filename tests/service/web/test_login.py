@@ -93,6 +93,7 @@ def test_after_the_logout_the_cookie_opens_nothing(both: tuple[TestClient, Servi
     assert http.get(JOBS, headers={"Cookie": f"{SESSION_COOKIE}={token}"}).status_code == 401
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("form", [{"key": "wrong"}, {"key": ""}, {}, {"key": "x" * 20_000}])
 def test_a_wrong_key_gives_the_form_again(both: tuple[TestClient, Service], form: dict[str, str]) -> None:
     http, _ = both
@@ -109,6 +110,7 @@ def test_a_form_of_another_page_or_a_broken_one_is_refused(both: tuple[TestClien
         assert http.post("/login", content=body, headers={"Origin": HERE}).status_code == 401
 
 
+@pytest.mark.slow
 def test_a_session_has_the_scope_of_its_key_and_ends_with_it(both: tuple[TestClient, Service]) -> None:
     http, service = both
     made, key = service.keys.create(scope="read")
@@ -156,6 +158,7 @@ def test_a_hostile_goal_is_escaped(both: tuple[TestClient, Service]) -> None:
     assert '"><script>' not in http.get("/login", params={"next": '/"><script>alert(1)</script>'}).text
 
 
+@pytest.mark.slow
 def test_over_https_the_cookie_stays_there(tmp_path: Path) -> None:
     with idle_service(tmp_path, api_key=KEY) as (http, _):
         http.base_url = HERE.replace("http:", "https:")

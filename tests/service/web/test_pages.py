@@ -146,6 +146,7 @@ def _failed(http: TestClient, service: Service) -> str:
     return made
 
 
+@pytest.mark.slow
 def test_pages_are_sound_html_and_accessible(site: Site) -> None:
     http, _, pages = site
     for address in pages:
@@ -163,6 +164,7 @@ def test_pages_are_sound_html_and_accessible(site: Site) -> None:
         assert all("alt" in attributes for tag, attributes in page.found if tag == "img"), address
 
 
+@pytest.mark.slow
 def test_every_control_has_a_name(site: Site) -> None:
     http, _, pages = site
     for address in pages:
@@ -176,6 +178,7 @@ def test_every_control_has_a_name(site: Site) -> None:
                 assert named or inside, (address, attributes)
 
 
+@pytest.mark.slow
 def test_pages_keep_to_a_strict_policy_and_load_nothing_from_elsewhere(site: Site) -> None:
     http, _, pages = site
     for address in pages:
@@ -191,6 +194,7 @@ def test_pages_keep_to_a_strict_policy_and_load_nothing_from_elsewhere(site: Sit
                 assert not re.match(r"(\w+:)?//", str(attributes.get(name, ""))), (address, attributes)
 
 
+@pytest.mark.slow
 def test_every_link_answers(site: Site) -> None:
     http, _, pages = site
     links = set()
@@ -203,6 +207,7 @@ def test_every_link_answers(site: Site) -> None:
         assert waits or http.get(link).status_code == 200, link
 
 
+@pytest.mark.slow
 def test_hostile_names_stay_text(site: Site) -> None:
     http, _, pages = site
     seen = 0
@@ -213,6 +218,7 @@ def test_hostile_names_stay_text(site: Site) -> None:
     assert seen >= 8
 
 
+@pytest.mark.slow
 def test_a_variant_of_a_job_leaves_the_spacing_to_be_derived(site: Site) -> None:
     http, service, _ = site
     job = service.store.newest(state="finished")[-1].id
@@ -220,6 +226,7 @@ def test_a_variant_of_a_job_leaves_the_spacing_to_be_derived(site: Site) -> None
     assert json.loads(given)["interaction"]["spacing_mm"] is None
 
 
+@pytest.mark.slow
 def test_what_is_not_there_has_a_page(site: Site) -> None:
     http, _, _ = site
     for address in (
@@ -243,6 +250,7 @@ def test_login_shows_a_way_out(site: Site) -> None:
     assert "Log out" in http.get("/", headers={"Cookie": "needlebench_session=x"}).text
 
 
+@pytest.mark.slow
 def test_the_page_of_a_model_says_how_it_was_trained_and_who_steers_by_it(site: Site) -> None:
     http, _, pages = site
     of = {text: address for address, text in pages.items()}
@@ -405,6 +413,7 @@ def test_a_comparison_in_words(changes: dict[str, Any], text: str) -> None:
 # ---- the viewer
 
 
+@pytest.mark.slow
 def test_the_viewer_has_its_own_policy_and_no_link_to_elsewhere(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

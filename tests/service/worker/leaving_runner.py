@@ -2,7 +2,11 @@
 
 from __future__ import annotations
 
+import io
 import os
+import resource
+import signal
+import sys
 import threading
 import time
 from typing import TYPE_CHECKING, Any
@@ -76,6 +80,30 @@ def _descriptor(folder: Path) -> None:
     _kept.append((folder / "kept").open("w"))
 
 
+def _ignore_signals(_folder: Path) -> None:
+    signal.signal(signal.SIGUSR1, signal.SIG_IGN)
+
+
+def _replace_output(_folder: Path) -> None:
+    sys.stdout = io.StringIO()
+
+
+class _Hostile:
+    """Raises where it is looked at, and where it ends."""
+
+    def __repr__(self) -> str:
+        raise SystemExit(4)
+
+    __str__ = __repr__
+
+    def __del__(self) -> None:
+        raise RuntimeError("in its end")
+
+
+def _hostile_error(_folder: Path) -> None:
+    raise ValueError(_Hostile())
+
+
 _ACTIONS: dict[str, Any] = {
     "nothing": lambda _folder: None,
     "forks": _fork,
@@ -83,6 +111,16 @@ _ACTIONS: dict[str, Any] = {
     "forks apart and waits": _fork_and_wait,
     "hoards in a child": _hoard,
     "thread": _thread,
+    "folder": lambda folder: os.chdir(folder),
+    "environment": lambda _folder: os.environ.update(LEFT="behind"),
+    "signals": _ignore_signals,
+    "output": _replace_output,
+    "mask": lambda _folder: os.umask(0),
+    "alarm": lambda _folder: signal.setitimer(signal.ITIMER_REAL, 500),
+    "limit": lambda _folder: resource.setrlimit(resource.RLIMIT_CORE, (0, 0)),
+    "modules": lambda folder: sys.path.insert(0, str(folder)),
+    "closes": lambda _folder: os.close(1),
+    "hostile": _hostile_error,
     "descriptor": _descriptor,
     "floods": _flood,
     "says": _say,

@@ -33,17 +33,16 @@ def attempt(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, error: BaseExceptio
     return execute(RUNNER, spec.to_json(), str(tmp_path / "1"))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("error", "told"),
     [
         (SystemExit(3), "SystemExit: 3 (controller 'faulty', step 0) ("),
         (KeyboardInterrupt(), "KeyboardInterrupt (controller 'faulty', step 0) ("),
         (GeneratorExit(), "GeneratorExit (controller 'faulty', step 0) ("),
-        (StopIteration(), "PluginError: controller 'faulty', step 0: StopIteration ("),
-        (ValueError("\ud800"), "PluginError: controller 'faulty', step 0: ValueError: \\ud800 ("),
     ],
 )
-def test_whatever_a_plug_in_raises_is_reported_and_its_recording_closed(
+def test_what_ends_a_process_is_reported_and_the_recording_closed(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, error: BaseException, told: str
 ) -> None:
     report = attempt(tmp_path, monkeypatch, error)
@@ -52,6 +51,20 @@ def test_whatever_a_plug_in_raises_is_reported_and_its_recording_closed(
     assert "(test_attempt.py, line " in report.error
     assert {file["name"] for file in report.artefacts} == {"recording.rrd", "job.log"}
     assert type(error).__name__ in (tmp_path / "1" / "job.log").read_text()
+
+
+@pytest.mark.parametrize(
+    ("error", "told"),
+    [(StopIteration(), "StopIteration ("), (ValueError("\ud800"), "ValueError: \\ud800 (")],
+)
+def test_what_a_plug_in_raises_is_an_end_by_name_with_all_files(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, error: BaseException, told: str
+) -> None:
+    report = attempt(tmp_path, monkeypatch, error)
+    assert report.result["status"] == "controller_failed"
+    assert report.result["message"].startswith(f"step 1 of 100, depth 0.0 mm: controller 'faulty': {told}")
+    assert "(test_attempt.py, line " in report.result["message"]
+    assert {"result.json", "series.npz", "recording.rrd"} <= {file["name"] for file in report.artefacts}
 
 
 def test_a_stop_is_no_fault_of_the_job(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

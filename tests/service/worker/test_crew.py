@@ -36,6 +36,7 @@ def by_name(outcomes: list[Outcome]) -> dict[str, Outcome]:
     return {outcome.case.id.partition("-")[2]: outcome for outcome in outcomes}
 
 
+@pytest.mark.slow
 @linux
 def test_every_case_has_an_outcome_whatever_becomes_of_it(shared: tuple[Crew, Path], tmp_path: Path) -> None:
     crew, _ = shared
@@ -52,6 +53,7 @@ def test_every_case_has_an_outcome_whatever_becomes_of_it(shared: tuple[Crew, Pa
     assert "ValueError: no good" in found["raises"].result["message"]
 
 
+@pytest.mark.slow
 @linux
 def test_a_crash_has_the_shape_of_a_result(shared: tuple[Crew, Path], tmp_path: Path) -> None:
     (outcome,) = shared[0].run_many(cases("raises"), folder=tmp_path)
@@ -80,6 +82,7 @@ def test_alone_is_one_process(shared: tuple[Crew, Path], tmp_path: Path) -> None
     assert len({outcome.result["pid"] for outcome in outcomes}) == 1
 
 
+@pytest.mark.slow
 @linux
 def test_nobody_is_left_behind(tmp_path: Path) -> None:
     with Crew(1, folder=tmp_path, files=tmp_path, runner=RUNNER) as crew:
@@ -89,6 +92,7 @@ def test_nobody_is_left_behind(tmp_path: Path) -> None:
     until(lambda: not alive(pid))
 
 
+@pytest.mark.slow
 @linux
 def test_batches_are_done_one_by_each_worker_with_one_attempt_a_case(tmp_path: Path) -> None:
     with Crew(2, folder=tmp_path, files=tmp_path, runner=RUNNER) as crew:
@@ -103,6 +107,7 @@ def test_batches_are_done_one_by_each_worker_with_one_attempt_a_case(tmp_path: P
             crew.run_batches([first])
 
 
+@pytest.mark.slow
 @linux
 def test_a_crew_whose_workers_never_get_ready_says_so(tmp_path: Path) -> None:
     with (

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import resource
 import sys
 from typing import TYPE_CHECKING
 
@@ -56,6 +57,7 @@ def started(folder: Path) -> int:
     return int(pids.read_text())
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["forks", "forks apart"])
 def test_a_forked_child_ends_with_its_job(worker: WorkerProcess, tmp_path: Path, name: str) -> None:
     report = run(worker, tmp_path, name)
@@ -63,6 +65,7 @@ def test_a_forked_child_ends_with_its_job(worker: WorkerProcess, tmp_path: Path,
     assert (report.error, report.leftovers) == (None, ("1 process",))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("name", "left"), [("thread", "1 thread"), ("descriptor", "1 descriptor")])
 def test_what_a_plug_in_leaves_in_its_process_is_reported(
     worker: WorkerProcess, tmp_path: Path, name: str, left: str
@@ -71,12 +74,44 @@ def test_what_a_plug_in_leaves_in_its_process_is_reported(
     assert left in (tmp_path / "1" / LOG).read_text()
 
 
+@pytest.mark.parametrize(
+    ("name", "left"),
+    [
+        ("folder", "another folder"),
+        ("environment", "another environment"),
+        ("signals", "another signal handler"),
+        ("output", "another stream or hook"),
+        ("mask", "another file mode mask"),
+        ("alarm", "another alarm"),
+        ("limit", "another limit"),
+        ("modules", "another path of modules"),
+    ],
+)
+def test_what_a_plug_in_changed_for_its_whole_process_is_reported(
+    worker: WorkerProcess, tmp_path: Path, name: str, left: str
+) -> None:
+    if name == "limit" and resource.getrlimit(resource.RLIMIT_CORE) == (0, 0):
+        pytest.skip("the limit is what the job would make it")
+    report = run(worker, tmp_path, name, plugin=True)
+    assert (report.error, report.leftovers) == (None, (left,))
+
+
+def test_a_plug_in_that_closes_its_output_or_raises_what_cannot_be_shown_just_ends(
+    worker: WorkerProcess, tmp_path: Path
+) -> None:
+    assert run(worker, tmp_path / "a", "closes", plugin=True).error is None
+    report = run(worker, tmp_path / "b", "hostile", plugin=True)
+    assert (report.error_kind, (report.error or "").partition(":")[0]) == ("exception", "ValueError")
+
+
+@pytest.mark.slow
 def test_a_job_that_leaves_nothing_keeps_its_process(worker: WorkerProcess, tmp_path: Path) -> None:
     first, second = (run(worker, tmp_path, "nothing", plugin=True) for _ in range(2))
     assert first.result["pid"] == second.result["pid"]
     assert first.leftovers == second.leftovers == ()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["forks and exits", "nothing and exits"])
 def test_a_job_that_ends_its_process_with_code_0_is_a_death(worker: WorkerProcess, tmp_path: Path, name: str) -> None:
     pid = begin(worker, tmp_path, name)
@@ -88,6 +123,7 @@ def test_a_job_that_ends_its_process_with_code_0_is_a_death(worker: WorkerProces
         assert not alive(started(tmp_path))
 
 
+@pytest.mark.slow
 def test_a_child_that_has_gone_apart_ends_when_its_job_is_cut_short(worker: WorkerProcess, tmp_path: Path) -> None:
     begin(worker, tmp_path, "forks apart and waits")
     child = started(tmp_path)
@@ -96,6 +132,7 @@ def test_a_child_that_has_gone_apart_ends_when_its_job_is_cut_short(worker: Work
     until(lambda: not alive(child))
 
 
+@pytest.mark.slow
 def test_the_group_ends_with_a_worker_that_was_killed(worker: WorkerProcess, tmp_path: Path) -> None:
     pid = begin(worker, tmp_path, "hoards in a child")
     child = started(tmp_path)
@@ -104,6 +141,7 @@ def test_the_group_ends_with_a_worker_that_was_killed(worker: WorkerProcess, tmp
     worker.kill()
 
 
+@pytest.mark.slow
 def test_memory_of_a_child_counts(worker: WorkerProcess, tmp_path: Path) -> None:
     begin(worker, tmp_path, "hoards in a child")
     started(tmp_path)
@@ -116,6 +154,7 @@ def test_memory_of_a_child_counts(worker: WorkerProcess, tmp_path: Path) -> None
     worker.kill()
 
 
+@pytest.mark.slow
 def test_what_is_printed_by_descriptor_is_in_the_log(worker: WorkerProcess, tmp_path: Path) -> None:
     report = run(worker, tmp_path, "says")
     lines = [line.partition(" INFO ")[2] for line in (tmp_path / "1" / LOG).read_text().splitlines()]
@@ -125,6 +164,7 @@ def test_what_is_printed_by_descriptor_is_in_the_log(worker: WorkerProcess, tmp_
     assert described["bytes"] == (tmp_path / "1" / LOG).stat().st_size
 
 
+@pytest.mark.slow
 def test_a_flood_is_cut(worker: WorkerProcess, tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:
     report = run(worker, tmp_path, "floods", plugin=True)
     assert (report.error, report.leftovers) == (None, ())
@@ -134,6 +174,7 @@ def test_a_flood_is_cut(worker: WorkerProcess, tmp_path: Path, capfd: pytest.Cap
     assert not capfd.readouterr().out
 
 
+@pytest.mark.slow
 def test_an_idle_worker_has_nobody_but_its_guard(worker: WorkerProcess, tmp_path: Path) -> None:
     run(worker, tmp_path, "nothing")
     assert worker.pid is not None

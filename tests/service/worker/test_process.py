@@ -45,6 +45,7 @@ def spec(name: str, folder: Path) -> InsertionSpec:
     return InsertionSpec(job_id="a", scenario={"name": name}, files=folder)
 
 
+@pytest.mark.slow
 def test_calls_are_answered_in_their_order_by_one_process(worker: WorkerProcess) -> None:
     calls = [worker.call(os.getpid), worker.call(abs, -2), worker.call(os.getpid)]
     first, two, last = [call.result(timeout=60) for call in calls]
@@ -52,6 +53,7 @@ def test_calls_are_answered_in_their_order_by_one_process(worker: WorkerProcess)
     assert first == warm(worker) != os.getpid()
 
 
+@pytest.mark.slow
 def test_what_is_raised_there_is_raised_here_and_the_worker_goes_on(worker: WorkerProcess) -> None:
     with pytest.raises(ValueError, match="invalid literal"):
         worker.call(int, "x").result(timeout=60)
@@ -60,6 +62,7 @@ def test_what_is_raised_there_is_raised_here_and_the_worker_goes_on(worker: Work
     assert worker.call(abs, -3).result(timeout=60) == 3
 
 
+@pytest.mark.slow
 def test_a_death_is_told_to_who_waits_and_to_who_asks_later(worker: WorkerProcess) -> None:
     warm(worker)
     call = worker.call(os._exit, 7)
@@ -72,6 +75,7 @@ def test_a_death_is_told_to_who_waits_and_to_who_asks_later(worker: WorkerProces
         worker.call(abs, -1)
 
 
+@pytest.mark.slow
 def test_an_attempt_is_sent_awaited_and_collected(worker: WorkerProcess, tmp_path: Path) -> None:
     pid = warm(worker)
     assert worker.pending is None
@@ -85,6 +89,7 @@ def test_an_attempt_is_sent_awaited_and_collected(worker: WorkerProcess, tmp_pat
     assert worker.ready()
 
 
+@pytest.mark.slow
 def test_a_death_ends_the_waiting_and_a_start_replaces_the_process(worker: WorkerProcess, tmp_path: Path) -> None:
     pid = warm(worker)
     worker.send(RUNNER, spec("dies", tmp_path), tmp_path / "1")
@@ -95,6 +100,7 @@ def test_a_death_ends_the_waiting_and_a_start_replaces_the_process(worker: Worke
     assert worker.starts == 2
 
 
+@pytest.mark.slow
 def test_a_kill_ends_the_process_in_the_middle_of_an_attempt(worker: WorkerProcess, tmp_path: Path) -> None:
     pid = warm(worker)
     worker.send(RUNNER, spec("sleeps", tmp_path), tmp_path / "1")

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import pytest
 
+from service.files.replace_text import replace_text
 from service.worker import progress
 from service.worker.progress import ProgressFile
 from simcore.scenario.scenario import Scenario
@@ -98,3 +99,17 @@ def test_progress_that_cannot_be_stored_is_none(tmp_path: Path, text: str) -> No
 def test_half_a_surrogate_pair_in_progress_is_a_question_mark(tmp_path: Path) -> None:
     (tmp_path / progress.NAME).write_text(r'{"note": "\ud800"}')
     assert progress.read(tmp_path) == {"note": "?"}
+
+
+def test_a_progress_that_has_not_changed_is_not_read_again(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    reader = progress.ProgressReader(tmp_path)
+    assert reader.latest() is None
+    replace_text(tmp_path / progress.NAME, '{"step": 1}')
+    assert reader.latest() == {"step": 1}
+    reads: list[Path] = []
+    read = progress.read
+    monkeypatch.setattr(progress, "read", lambda folder: reads.append(folder) or read(folder))
+    assert reader.latest() == {"step": 1}
+    assert reads == []
+    replace_text(tmp_path / progress.NAME, '{"step": 2}')
+    assert (reader.latest(), len(reads)) == ({"step": 2}, 1)

@@ -135,6 +135,7 @@ seeds = st.integers(0, 2**32 - 1)
 frictions = st.just(0.0) | st.floats(0.01, 0.3)
 
 
+@pytest.mark.slow
 @quick
 @given(seeds, st.integers(1, 3), st.sampled_from([0.0, 0.1, 0.3]), st.booleans(), st.booleans())
 def test_solution_is_one_of_brute_force(
@@ -152,6 +153,7 @@ def test_solution_is_one_of_brute_force(
     assert min(np.abs(arc - other).max() for _, other, _ in expected) < 1e-10
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("friction", [0.0, 0.1, 0.3])
 def test_friction_states_are_those_of_the_fixed_point_reference(friction: float) -> None:
     """Stick, slip and cutting of each point, and the forces, in 60 problems of two and three points, the tip at the
@@ -172,6 +174,7 @@ def test_friction_states_are_those_of_the_fixed_point_reference(friction: float)
     verify("coupled", f"{text}: forces", expected=0, measured=misses, tolerance=1e-8, source=source, unit="N")
 
 
+@pytest.mark.slow
 @quick
 @given(seeds, st.integers(1, 6), frictions, st.booleans())
 def test_solution_obeys_the_laws(seed: int, elements: int, friction: float, withdrawn: bool) -> None:
@@ -188,6 +191,7 @@ def test_solution_obeys_the_laws(seed: int, elements: int, friction: float, with
     assert (force[1:, 2] * (arc - p.arc_old)[1:] <= 1e-12).all()  # dissipation: a falling s moves the needle forward
 
 
+@pytest.mark.slow
 @quick
 @given(seeds, st.integers(1, 6), frictions, st.booleans())
 def test_a_free_element_bears_no_lateral_force(seed: int, elements: int, friction: float, withdrawn: bool) -> None:
@@ -204,6 +208,7 @@ def test_a_free_element_bears_no_lateral_force(seed: int, elements: int, frictio
     assert np.abs(held.solved()[0][0, :2]).max() > 0.0  # the same tip, held, would bear one
 
 
+@pytest.mark.slow
 @quick
 @given(seeds, st.integers(1, 5), frictions, st.floats(1e-4, 1.0))
 def test_compliance_of_a_row_belongs_to_w_and_to_its_gap(
@@ -221,6 +226,7 @@ def test_compliance_of_a_row_belongs_to_w_and_to_its_gap(
     np.testing.assert_allclose(bare, -springs.reshape(-1, 3)[:, :2] * force[:, :2], atol=1e-11)
 
 
+@pytest.mark.slow
 @quick
 @given(seeds, frictions)
 def test_cutting_is_complementary_to_its_force(seed: int, friction: float) -> None:
@@ -233,6 +239,7 @@ def test_cutting_is_complementary_to_its_force(seed: int, friction: float) -> No
     assert spare * advance <= 1e-11
 
 
+@pytest.mark.slow
 @quick
 @given(seeds)
 def test_surface_contact_is_signorini_and_coulomb(seed: int) -> None:

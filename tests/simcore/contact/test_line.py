@@ -16,7 +16,7 @@ from scipy.stats import qmc
 import simcore.contact.line_calibration as calibration
 from simcore.contact.ball import Ball
 from simcore.contact.channel import ChannelModel
-from simcore.contact.line import SHORTEST_M, LineCoupling, cylinder_compliance, least_length, line_compliance
+from simcore.contact.line import SHORTEST_M, LineCoupling, coupled_length, cylinder_compliance, line_compliance
 from simcore.contact.line_calibration import deficit_along, line_of_balls, line_weights, mesh_deficit
 from simcore.contact.line_radius import LINE_RADIUS_OF_BALL
 from simcore.mesh.mesh import box_mesh
@@ -101,8 +101,7 @@ def test_cylinder_compliance_is_the_difference_of_kelvins_integrals(poisson: flo
 
 
 def test_compliance_of_a_point_is_that_of_the_line_over_its_length() -> None:
-    """G / l, turned into the shaft's frame: across and along do not mix; a point stands for more than nothing, the
-    entry for the length over which it holds a needle."""
+    """G / l, turned into the shaft's frame: across and along do not mix."""
     rng = np.random.default_rng(0)
     root, frame = rng.normal(size=(3, 3)), np.linalg.qr(rng.normal(size=(3, 3)))[0]
     line = LineCoupling(False, 1e-4 * root @ root.T, True, 1.27e-3, 1e-3)
@@ -112,7 +111,18 @@ def test_compliance_of_a_point_is_that_of_the_line_over_its_length() -> None:
     np.testing.assert_allclose(out[:2, :2], full[:2, :2], rtol=1e-12)
     assert out[2, 2] == pytest.approx(full[2, 2], rel=1e-12)
     assert np.abs(out[[0, 1, 2, 2], [2, 2, 0, 1]]).max() == 0.0
-    assert [least_length(line, element) for element in (1, 2, 7)] == [1.27e-3, SHORTEST_M, SHORTEST_M]
+
+
+def test_the_surface_holds_the_bevel_before_the_channel_does() -> None:
+    """The entry is coupled over its tributary length and what of the bevel is still outside, so that its length is the
+    bevel's when the tip touches and the tributary one once the bevel is in. Others stand for more than nothing."""
+    line = LineCoupling(False, np.eye(3), True, 1.27e-3, 1e-3)
+    lengths = [
+        coupled_length(line, 1, tributary, inserted) for tributary, inserted in ((0, 0), (2e-4, 1e-3), (1e-3, 2e-3))
+    ]
+    np.testing.assert_allclose(lengths, [1.27e-3, 4.7e-4, 1e-3], rtol=1e-12)
+    assert [coupled_length(line, element, 0.0, 0.0) for element in (2, 7)] == [SHORTEST_M, SHORTEST_M]
+    assert coupled_length(line, 3, 2e-3, 0.0) == 2e-3
 
 
 # the mesh's share
@@ -129,7 +139,13 @@ class Line:
     @classmethod
     def in_tissue(cls, tissue: TissueModel, radius_m: float, entry_m: Vector = ENTRY_M) -> Line:
         channel = ChannelModel.of(
-            spacing_m=3e-3, spread_m=radius_m, longest_m=0.1, mesh=tissue.mesh, entry_m=entry_m, hard=False
+            spacing_m=3e-3,
+            bevel_m=2.0 * NEEDLE_M,
+            spread_m=radius_m,
+            longest_m=0.1,
+            mesh=tissue.mesh,
+            entry_m=entry_m,
+            hard=False,
         )
         step = 0.5 * radius_m
         depths = START_M + step * (np.arange(round(LENGTH_M / step)) + 0.5)
@@ -172,6 +188,7 @@ CASES: dict[str, dict[str, Any]] = {
 }
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", CASES)
 def test_the_total_depends_neither_on_the_ball_nor_on_the_mesh(name: str) -> None:
     """u_mesh + G for balls of 4 and 6 mm on meshes of 8 and 6 mm: within 3 % of each other, where the linear meshes
@@ -190,6 +207,7 @@ def test_the_total_depends_neither_on_the_ball_nor_on_the_mesh(name: str) -> Non
     assert short.min() > 0.08
 
 
+@pytest.mark.slow
 def test_what_the_mesh_owes_is_symmetric_and_scales_with_softness() -> None:
     """(3, 3), not negative: quadratic elements contain the linear ones; with 1 / E at the same nu."""
     stiff, soft = (Line.in_tissue(block(10.0, SIZE_MM, young_kpa=young), 6e-3) for young in (6.3, 3.15))
@@ -215,6 +233,7 @@ def test_the_line_goes_from_the_entry_through_the_tissue() -> None:
     np.testing.assert_allclose(weights @ nodes, centres.mean(axis=0), atol=1e-9)
 
 
+@pytest.mark.slow
 def test_a_result_from_the_cache_is_the_computed_one(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """In memory, in the user's folder and computed: the same bits; another E takes the same file, another nu, ball or
     entry another one; a folder that cannot be written costs time alone."""
@@ -241,6 +260,7 @@ def test_a_result_from_the_cache_is_the_computed_one(tmp_path: Path, monkeypatch
     np.testing.assert_array_equal(mesh_deficit(line.tissue, line.channel, ENTRY_M), computed)
 
 
+@pytest.mark.slow
 def test_a_mesh_file_of_the_block_is_calibrated_like_the_block(tmp_path: Path) -> None:
     """The same tetrahedra read from a file: the same deficit up to what the file's search for points rounds."""
     mesh = box_mesh(1e-3 * np.array(SIZE_MM), (2, 4, 6))

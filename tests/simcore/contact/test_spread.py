@@ -38,6 +38,7 @@ def ball_at(centre: Vector, radius_m: float = RADIUS_M, mesh: BoxMesh = MESH) ->
     return full
 
 
+@pytest.mark.slow
 @quick
 @given(shares, st.sampled_from([0.0, 1e-3, 4e-3, 12e-3]))
 def test_weights_are_a_partition_of_unity(share: Vector, radius_m: float) -> None:
@@ -47,6 +48,7 @@ def test_weights_are_a_partition_of_unity(share: Vector, radius_m: float) -> Non
     assert weights.sum() == pytest.approx(1.0, abs=1e-14)
 
 
+@pytest.mark.slow
 @quick
 @given(shares)
 def test_linear_fields_are_reproduced_inside(share: Vector) -> None:
@@ -56,6 +58,7 @@ def test_linear_fields_are_reproduced_inside(share: Vector) -> None:
     np.testing.assert_allclose(ball_at(centre) @ MESH.nodes_m, centre, atol=1e-15)
 
 
+@pytest.mark.slow
 @quick
 @given(shares)
 def test_at_the_surface_the_ball_moves_inward_only(share: Vector) -> None:
@@ -66,6 +69,7 @@ def test_at_the_surface_the_ball_moves_inward_only(share: Vector) -> None:
     assert 0.1 * RADIUS_M < offset[2] < 0.5 * RADIUS_M
 
 
+@pytest.mark.slow
 @quick
 @given(shares, arrays(np.float64, 3, elements=st.floats(-1.0, 1.0)))
 def test_weights_move_continuously(share: Vector, direction: Vector) -> None:
@@ -75,6 +79,7 @@ def test_weights_move_continuously(share: Vector, direction: Vector) -> None:
     assert np.abs(change).sum() < 3e-6
 
 
+@pytest.mark.slow
 @quick
 @given(st.tuples(*[st.integers(1, 8)] * 3), shares, st.just(0.0) | st.floats(1e-6, 20e-3))
 def test_capacity_is_never_exceeded(cells: tuple[int, int, int], share: Vector, radius_m: float) -> None:
@@ -118,6 +123,7 @@ def entry_compliances(radius_m: float, cells: Vector) -> Vector:
     return np.array(values)
 
 
+@pytest.mark.slow
 def test_entry_compliance_has_a_mesh_limit_only_with_a_radius() -> None:
     """h = 6, 3, 2 mm, the entry always at a node of the same pattern. With a ball of 4 mm the second
     increment is to the first at most as 1 to 3 (first order in h); a bare point (Boussinesq) grows like 1 / h."""

@@ -80,6 +80,7 @@ def order(values: list[float], errors: Vector) -> float:
 # gain, damping, time step
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("gain", [0.25, 0.5, 1.0, 1.5])
 def test_rmse_over_gain(gain: float) -> None:
     """The lag of a proportional loop behind a target that moves d a step: e+ = (1 - k)(e - d), |e| = |1 - k| d / k."""
@@ -93,6 +94,7 @@ def test_rmse_over_gain(gain: float) -> None:
     )
 
 
+@pytest.mark.slow
 def test_remote_centre_error_falls_with_its_gain() -> None:
     """The same lag behind a drift: for small gains the error is inverse to the gain."""
     gains = [0.125, 0.25, 0.5]
@@ -101,6 +103,7 @@ def test_remote_centre_error_falls_with_its_gain() -> None:
     control(text, expected=-1, measured=found, tolerance=0.15, source="lag of a proportional loop behind a drift")
 
 
+@pytest.mark.slow
 def test_errors_over_the_speed_of_a_direction() -> None:
     """What may not move fast enough is late: the tip error falls to that of the undamped inverse as the speed rises,
     and the default (1000 mm/s) costs less than 0.01 mm."""
@@ -114,6 +117,7 @@ def test_errors_over_the_speed_of_a_direction() -> None:
     control(text, expected=0, measured=rmse[3] - rmse[4], tolerance=0.01, source=source, unit="mm")
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("weight", [1.0, 0.1])
 def test_the_damping_does_not_depend_on_the_time_step(weight: float) -> None:
     """Where it acts in a fifth of what it is by default, the tip error stays the same from 20 to 5 ms."""
@@ -127,6 +131,7 @@ def test_the_damping_does_not_depend_on_the_time_step(weight: float) -> None:
     control(text, expected=0, measured=order(steps_s, rmse), tolerance=0.15, source=source)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["rmse_commanded_mm", "rcm_mean_mm"])
 def test_errors_over_time_step(name: str) -> None:
     """One correction a step: a curved path leaves an error in proportion to the step."""
@@ -150,6 +155,7 @@ def noise_answers(*, gain: float, noise_mm: float) -> tuple[Vector, Vector]:
     return (noisy["tip_m"] - clean["tip_m"])[100:], filtered[100:]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("gain", [0.5, 1.0])
 @pytest.mark.parametrize("noise_mm", [0.02, 0.04])
 def test_tip_noise_is_that_of_a_first_order_filter(gain: float, noise_mm: float) -> None:
@@ -182,6 +188,7 @@ def speeds(series: dict[str, Vector], dt_s: float) -> tuple[Vector, Vector]:
     return 1e3 * shifts / dt_s, np.degrees(turns) / dt_s
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("speed", "turn"), [(10.5, 3600.0), (1000.0, 3.0), (12.0, 3.0)])
 def test_speed_limits_hold_at_every_step(speed: float, turn: float) -> None:
     """Tight limits, noisy target: no step above a limit, and every limited step uses one of them fully. The tip may
@@ -230,6 +237,7 @@ JUMPS = {
 }
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", JUMPS)
 def test_recovery_from_a_jump_of_the_target(name: str) -> None:
     """2 mm at a depth of 30 mm: the robot's limits act (less along a weak direction, slowed before), the
@@ -256,6 +264,7 @@ def test_recovery_from_a_jump_of_the_target(name: str) -> None:
 # against what does not steer
 
 
+@pytest.mark.slow
 def test_steering_is_far_better_than_open_loop_on_a_curved_path() -> None:
     """An open-loop needle on a sine of 1 mm has about 0.71 mm RMSE (spec of the experiments): the overlay itself."""
     blind = rollout(controller={"kind": "open_loop"}).metrics["rmse_commanded_mm"]
@@ -267,6 +276,7 @@ def test_steering_is_far_better_than_open_loop_on_a_curved_path() -> None:
     control(text, expected=0, measured=steered / blind, tolerance=0.02, source=source)
 
 
+@pytest.mark.slow
 def test_without_the_remote_centre_the_shaft_leaves_the_entry() -> None:
     """rcm_gain 0 against 1: the tip is as good, the entry is torn: offset, load and deformation grow."""
     free, guided = rollout(controller={"rcm_gain": 0.0}), rollout()

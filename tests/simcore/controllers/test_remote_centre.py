@@ -77,12 +77,14 @@ def test_the_weight_is_on_both_sides_and_the_gain_on_one() -> None:
     np.testing.assert_array_equal(wanted[3:], 0.25 * 0.5 * response.rcm_error_m)
 
 
+@pytest.mark.slow
 def test_without_weight_a_run_is_the_one_without_rows() -> None:
     without, rate = (run(short(controller={"kind": "ifem", field: 0.0})) for field in ("rcm_weight", "rcm_gain"))
     assert without.digest == rate.digest
     assert without.digest != run(short()).digest
 
 
+@pytest.mark.slow
 def test_a_small_weight_gives_the_entry_away_for_the_tip() -> None:
     """Where slow directions limit both: RMSE falls, remote-centre error rises from a weight of 1 to 0.1 and to none."""
     found = [
@@ -143,6 +145,7 @@ def test_a_base_at_the_entry_keeps_its_orientation() -> None:
     assert np.isfinite(command.position_m).all()
 
 
+@pytest.mark.slow
 def test_in_a_run_every_commanded_axis_passes_the_entry() -> None:
     done = run(short(controller={"kind": "ifem", "orientation": "axis"}))
     for position, quaternion in zip(
@@ -203,6 +206,7 @@ def late(block: dict[str, Any], steps: int) -> dict[str, Any]:
     return {**block, "delay_s": 0.1 * steps}
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("steps", [1, 3])
 @pytest.mark.parametrize(
     "block",

@@ -23,6 +23,7 @@ def random_jacobian(seed: int, rows: int = 5, smallest: float = 1.0) -> Vector:
     return np.asarray((u * s) @ vt)
 
 
+@pytest.mark.slow
 @quick
 @given(seeds, st.sampled_from([3, 5]))
 def test_without_a_weak_direction_it_is_the_pseudo_inverse(seed: int, rows: int) -> None:
@@ -45,6 +46,7 @@ def test_a_direction_that_cancels_is_slow() -> None:
     np.testing.assert_allclose(move, 3.0 * small / 2.0 * np.array([1.0, -1.0]) / np.sqrt(2.0), rtol=1e-4)
 
 
+@pytest.mark.slow
 @quick
 @given(seeds, st.floats(1e-6, 1.0), st.floats(0.1, 1e6))
 def test_no_direction_moves_by_more_than_its_bound(seed: int, smallest: float, size: float) -> None:
@@ -58,6 +60,7 @@ def test_no_direction_moves_by_more_than_its_bound(seed: int, smallest: float, s
     assert along[4] <= 0.01 * np.sqrt(2.0) * s / reach * (1.0 + 1e-9)
 
 
+@pytest.mark.slow
 @quick
 @given(seeds)
 def test_a_useless_direction_leaves_the_others_alone(seed: int) -> None:

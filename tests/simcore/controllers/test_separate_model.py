@@ -44,6 +44,7 @@ def rmse_commanded_mm(rollout: Rollout) -> float:
     return float(rollout.metrics["rmse_commanded_mm"])
 
 
+@pytest.mark.slow
 def test_a_model_equal_to_the_plant_steers_as_the_shared_one() -> None:
     """Stepped with the executed poses, it is in the plant's state at every step, to the solver's tolerance."""
     own, shared = run(scenario(TWIN)).series, run(scenario({"kind": "shared"})).series
@@ -53,6 +54,7 @@ def test_a_model_equal_to_the_plant_steers_as_the_shared_one() -> None:
     verify("control", text, expected=0, measured=apart, tolerance=1e-9, source=source, unit="m")
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("change", [{"young_kpa": 3.2}, {"poisson": 0.2}, {"friction": 0.3}, {"element_size_mm": 8.0}])
 def test_every_difference_of_the_model_reaches_the_controller(change: dict[str, float]) -> None:
     """Another model gives other commands, and still tracks: the tip error is measured on the plant."""
@@ -67,6 +69,7 @@ def test_every_difference_of_the_model_reaches_the_controller(change: dict[str, 
     verify("control", text, expected=0, measured=worse, tolerance=bound, source=source, unit="mm")
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("controller", [{"derivative": "exact"}, {"jacobian": "perturbation"}])
 def test_every_jacobian_works_on_a_separate_model(controller: dict[str, Any]) -> None:
     model = {**TWIN, "young_kpa": 5.0}

@@ -52,6 +52,7 @@ def cylinder_fields(folder: Path, **blocks: dict[str, Any]) -> dict[str, Any]:
     return data
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("frame", ["world", "tissue"])
 def test_a_cylinder_runs(tmp_path: Path, frame: str) -> None:
     """Curved surface, entry from the side; the tip comes to the target, every step converged; twice the same."""
@@ -64,6 +65,7 @@ def test_a_cylinder_runs(tmp_path: Path, frame: str) -> None:
     assert rollout.digest == run(scenario).digest
 
 
+@pytest.mark.slow
 def test_a_cylinder_breathes(tmp_path: Path) -> None:
     motion = {"kind": "breathing", "amplitude_mm": 3.0, "period_s": 2.0, "direction": [0.0, 0.0, 1.0]}
     rollout = run(Scenario.load(cylinder_fields(tmp_path, motion=motion, trajectory={"frame": "tissue"})))
@@ -123,6 +125,7 @@ def test_contact_on_a_slanted_surface(tmp_path: Path) -> None:
         np.testing.assert_allclose(linearise_exactly(insertion.model, state.solved).tip, differences, atol=tolerance)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("blocks", "field", "words"),
     [

@@ -73,6 +73,7 @@ def check_full_newton(text: str, pairs: list[tuple[InsertionState, Iterate]]) ->
         check(f"{case}: {name}", expected=0, measured=worst, tolerance=tolerance, source=source, unit=unit)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("step", [5, 15, 50, 60, 61, 75, 89, 90, 100, 125])
 def test_fast_step_is_full_newton(curved: Trip, step: int) -> None:
     """Cutting and slip (5, 15, 50), sticking reversals (60, 61, 90), withdrawal (75, 89), re-advance and cutting again
@@ -80,12 +81,14 @@ def test_fast_step_is_full_newton(curved: Trip, step: int) -> None:
     check_full_newton(f"curved, step {step}", [(curved.states[step + 1], reference_of(curved, step).solve())])
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("step", [1, 30, 62, 125])
 def test_fast_dynamic_step_is_full_newton(heavy: Trip, step: int) -> None:
     """The same with mass and damping, contact (1) included."""
     check_full_newton(f"dynamic, step {step}", [(heavy.states[step + 1], reference_of(heavy, step).solve())])
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("friction", "slips"), [(1.0, False), (0.1, True)])
 def test_fast_contact_step_is_full_newton(friction: float, slips: bool) -> None:
     """Indentation before puncture, pushed obliquely: sticking, and slipping with Coulomb's force along the slip."""
@@ -101,6 +104,7 @@ def test_fast_contact_step_is_full_newton(friction: float, slips: bool) -> None:
     check_full_newton(f"contact that {'slips' if slips else 'sticks'}, five steps", pairs)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["curved", "heavy"])
 def test_every_step_satisfies_the_independent_equations(name: str, request: pytest.FixtureRequest) -> None:
     """Balance of both bodies, zero gaps, breakpoints and levels of full Newton's residual (N; mm), at each step."""
@@ -110,7 +114,7 @@ def test_every_step_satisfies_the_independent_equations(name: str, request: pyte
             newton = reference_of(trip, i)
             worst = max(worst, np.abs(newton.residual(iterate_of(newton, after))).max())
     text = f"residual of the independent equations over all steps, {name} (N; gaps and breakpoints in mm)"
-    check(text, expected=0, measured=worst, tolerance=4e-8, source="full Newton's residual")
+    check(text, expected=0, measured=worst, tolerance=1e-7, source="full Newton's residual")
 
 
 def test_friction_cone_and_complementarity_at_every_step(curved: Trip) -> None:
@@ -211,6 +215,7 @@ def implicit_euler(omega: float, dt_s: float, steps: int, alpha: float, beta: fl
     return np.array(out)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("alpha", "beta"), [(0.0, 0.0), (20.0, 0.0), (0.0, 2e-3)])
 def test_a_mode_swings_like_its_oscillator(alpha: float, beta: float) -> None:
     """Modal analysis (Rayleigh): step by step the scalar recursion of implicit Euler, at 0.1 mm (strains of 0.5 %)."""
@@ -223,6 +228,7 @@ def test_a_mode_swings_like_its_oscillator(alpha: float, beta: float) -> None:
     check(text, expected=expected, measured=shares, tolerance=5e-5, source=source)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("alpha", "beta"), [(0.0, 0.0), (10.0, 1e-3)])
 def test_implicit_euler_is_of_first_order(alpha: float, beta: float) -> None:
     """The error against the exact decay falls with dt: slope fitted over four time steps."""
@@ -238,6 +244,7 @@ def test_implicit_euler_is_of_first_order(alpha: float, beta: float) -> None:
     check(text, expected=1, measured=order, tolerance=0.1, source="implicit Euler against the exact decay")
 
 
+@pytest.mark.slow
 def test_free_oscillation_never_gains_energy_and_damping_takes_more() -> None:
     """Implicit Euler dissipates, Rayleigh damping adds to it: v^T C v >= 0; at 3 mm (strains of 15 %) too."""
     energies = {damping: swing(3e-3, 1e-3, 0.1, *damping)[1] for damping in ((0.0, 0.0), (10.0, 0.0), (0.0, 2e-3))}
@@ -251,6 +258,7 @@ def test_free_oscillation_never_gains_energy_and_damping_takes_more() -> None:
         assert energy[-1] < 0.6 * plain[-1]
 
 
+@pytest.mark.slow
 def test_momentum_balance(heavy: Trip) -> None:
     """Newton: force of the robot + reaction of the held faces = M dv / dt + alpha M v, summed over all nodes."""
     tissue, dt = heavy.insertion.tissue, heavy.insertion.model.dt_s
@@ -272,6 +280,7 @@ def test_momentum_balance(heavy: Trip) -> None:
     check(text, expected=0, measured=misses, tolerance=1e-6, source=source, unit="N")
 
 
+@pytest.mark.slow
 def test_static_limit_is_the_quasi_static_solution() -> None:
     """Held still, the damped block comes to rest where the quasi-static one is: indented obliquely, sticking."""
     ends = []

@@ -128,6 +128,7 @@ def walk(kind: str) -> dict[str, Case]:
     return {**cases, "pushing again": Case(insertion, before, base)}
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "name", ["pushing", "reversed by 0.02 mm", "pulled back a little", "pulled back", "turned round", "pushing again"]
 )
@@ -140,6 +141,7 @@ def test_sticking_and_slipping(walk: dict[str, Case], kind: str, name: str) -> N
     assert fast.max() > 1e-2
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("kind", ["line", "sine"])
 def test_paper_block_at_four_depths(kind: str) -> None:
     """I-FEM on a line and on a sine, at 3, 30, 70 and 110 mm of a block of the paper's size, coarsely meshed."""
@@ -216,6 +218,7 @@ def test_surface_contact_before_puncture(sideways_m: float, tilt_rad: float, fas
     assert fast.max() > 1e-3
 
 
+@pytest.mark.slow
 def test_breathing_tissue() -> None:
     """The prescribed motion of the held nodes is no unknown: the step is differentiated around it."""
     insertion = insertion_of(block_scenario(motion={"kind": "breathing", "amplitude_mm": 3.0, "period_s": 1.0}))
@@ -246,6 +249,7 @@ def test_needle_in_the_air_moves_rigidly() -> None:
     verify("coupled", text, expected=expected, measured=found, tolerance=1e-9, source="rigid body, dX - (tip - X) x dw")
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("form", [linearise, linearise_exactly])
 def test_an_earlier_step_is_linearised_as_when_it_was_the_last(form: Callable[..., Linearisation]) -> None:
     """A solved step is a value: what is solved after it, with a new factor even, changes nothing in it."""

@@ -108,6 +108,7 @@ def hetenyi(k_pa: float, bending_nm2: float, length_m: float, x_m: Vector) -> Ve
     return np.array([(rows(x, [0, 1, 2, 3]) @ shares).real for x in np.atleast_1d(x_m)]).T
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("needle", "name"), [({}, "18G"), (THIN, "0.7 mm wire")])
 @pytest.mark.parametrize("length_mm", [80.0, 160.0])
 @pytest.mark.parametrize("coupling", COUPLINGS)

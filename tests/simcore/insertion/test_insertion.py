@@ -66,6 +66,7 @@ def tissue_offset(trip: Trip, state: InsertionState) -> Vector:
 # balance
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("plant", ["compliant line, nicked skin", "hard rows, punctured skin"])
 def test_forces_and_moments_balance_at_every_step(plant: str, curved: Trip) -> None:
     """Base force = sum of point forces = reaction of the held faces; base moment = moment of the point forces about the
@@ -103,6 +104,7 @@ def test_forces_and_moments_balance_at_every_step(plant: str, curved: Trip) -> N
     )
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("element_mm", [10.0, 7.5, 6.0])
 def test_no_locking(element_mm: float) -> None:
     """Hard rows closer than the mesh can resolve fight each other (a ratio of 118 was seen below h). From
@@ -146,6 +148,7 @@ def test_signorini_before_puncture() -> None:
     assert np.abs(tissue_offset(trip, trip.states[5])).max() < 1e-9
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("puncture_n", [0.1, 0.15, 0.3])
 def test_puncture_at_its_force(puncture_n: float) -> None:
     """The contact force rises to f_puncture, not above; then the force falls to the cutting law (0.02 mm steps)."""
@@ -160,6 +163,7 @@ def test_puncture_at_its_force(puncture_n: float) -> None:
     assert forces[opened] == pytest.approx(CUTTING_N + ADHESION_N_PER_M * after.inserted_m, abs=1e-8)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("element_mm", "spacing_mm"),
     [(10.0, 10.0), (10.0, 13.0), (10.0, 20.0), (6.5, 13.0), (4.0, 5.0), (4.0, 8.0)],
@@ -181,6 +185,7 @@ def test_axial_force_law(element_mm: float, spacing_mm: float) -> None:
         forces_check(text, **numbers, tolerance=1e-4, relative=True, source=AXIAL)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("spacing_mm", [1.0, 3.0])
 def test_axial_force_of_a_compliant_line(spacing_mm: float) -> None:
     """What the tip has just passed is sheared first: at a distance d behind the tip the line bears d / G, up to tau0, G
@@ -198,6 +203,7 @@ def test_axial_force_of_a_compliant_line(spacing_mm: float) -> None:
         assert s.base_wrench[2] == pytest.approx(-ADHESION_N_PER_M * s.inserted_m, rel=1e-4)
 
 
+@pytest.mark.slow
 def test_pulled_out_it_leaves_no_force(cycle: Trip) -> None:
     """At 10 mm before the entry every point has let go, and the quasi-static tissue is at rest."""
     out = cycle.states[1 + 120 + 5 + 160 - 1]
@@ -209,6 +215,7 @@ def test_pulled_out_it_leaves_no_force(cycle: Trip) -> None:
     assert np.abs(tissue_offset(cycle, out)).max() < 1e-9
 
 
+@pytest.mark.slow
 def test_pushed_in_again_it_does_not_cut_before_the_channel_end(hard_cycle: Trip) -> None:
     """A withdrawn tip has a free gap: force tau0 S up to X_c, f_cut more beyond it, from where the channel grows."""
     again = hard_cycle.states[1 + 120 + 5 + 160 :]
@@ -257,6 +264,7 @@ def test_external_work_covers_the_stored_energy(curved: Trip) -> None:
 # independence
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("exponent", [-3, -4, -5, -6])
 def test_results_do_not_depend_on_the_solver_tolerance(curved: Trip, exponent: int) -> None:
     """Over four decades of force (N) and violation (mm) tolerance the tip stays within 20 mm/N times the tolerance of
@@ -273,6 +281,7 @@ def test_results_do_not_depend_on_the_solver_tolerance(curved: Trip, exponent: i
     check(f"{text}: base force, every step", measured=force, tolerance=5.0 * tolerance, unit="N", **numbers)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("axis", [0, 1])
 def test_a_reflected_path_gives_the_reflected_tip(axis: int) -> None:
     """spec of the tissue: with even cell counts the model has the block's symmetry, friction and cutting included."""
@@ -339,6 +348,7 @@ DIVERGING = [
 ]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "absurd",
     [
@@ -368,6 +378,7 @@ def test_too_few_iterations_are_a_named_failure() -> None:
     assert "1e-09" in after.report.message
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("shift", [[-0.02, 0.0, 0.0], [0.0, 0.0, 0.065]], ids=["beside the block", "out of the back"])
 def test_a_tip_that_leaves_the_tissue_is_a_named_failure(shift: list[float]) -> None:
     """Outside the rest shape there is nothing to touch or to cut; a skin that is not nicked lets the tip slide off."""

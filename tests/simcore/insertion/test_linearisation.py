@@ -67,6 +67,7 @@ def error(found: Vector, expected: Vector) -> float:
     return float(np.linalg.norm(found / COLUMN - expected) / np.linalg.norm(expected))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("step", "modes", "lateral", "axial", "rcm"),
     [
@@ -125,6 +126,7 @@ def test_a_free_needle_follows_rigidly() -> None:
     verify("coupled", text, expected=expected, measured=found, tolerance=1e-9, source="rigid body, dX - (tip - X) x dw")
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("step", [11, 59])
 def test_remote_centre_error_is_the_distance_of_the_shaft(step: int) -> None:
     """The two offsets span the shortest way from the world-fixed entry to the shaft: dense sampling of the shaft."""

@@ -48,6 +48,7 @@ def curved_insertion() -> tuple[Insertion, InsertionState, InsertionState]:
     return insertion, before, state
 
 
+@pytest.mark.slow
 def test_error_falls_with_the_first_order_of_the_shift() -> None:
     """One-sided differences against the exact Jacobian: halving the shift halves the error, a fitted order of 1."""
     insertion, before, state = curved_insertion()
@@ -104,7 +105,7 @@ class _Watched(_Loop):
         self.controller.command = self.command  # type: ignore[method-assign]
 
     def command(self, observation: Observation) -> Pose:
-        assert np.isfinite(self.perturbation.linearise(self.before, self.state).tip).all()
+        assert np.isfinite(self.perturbation.linearise(self.episode.before, self.episode.state).tip).all()
         self.computed += 1
         return self.commanded(observation)
 
@@ -116,6 +117,7 @@ def watched(scenario: Scenario) -> Rollout:
     return rollout
 
 
+@pytest.mark.slow
 def test_an_unused_perturbation_leaves_the_plant_bit_identical() -> None:
     scenario = short_scenario()
     plain = run(scenario)
@@ -125,6 +127,7 @@ def test_an_unused_perturbation_leaves_the_plant_bit_identical() -> None:
     verify("reproducibility", text, expected=0, measured=different, tolerance=0, source=source)
 
 
+@pytest.mark.slow
 def test_steers_like_the_exact_jacobian() -> None:
     """The same map linearised in two ways: tips within a hundredth of a step, and not the same bits."""
     exact, perturbed = run(short_scenario(derivative="exact")), run(short_scenario(jacobian="perturbation"))

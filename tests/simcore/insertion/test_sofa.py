@@ -139,6 +139,7 @@ def test_the_mesh_is_the_one_that_sofa_had(insertion: Insertion) -> None:
     np.testing.assert_array_equal(np.flatnonzero(insertion.tissue.unknown < 0), np.sort(archive()["held_nodes"]))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", [str(name) for name in archive()["cases"]])
 def test_the_coupled_equilibrium_is_that_of_sofa(insertion: Insertion, name: str) -> None:
     """Tip within the band, needle and tissue within three of it; forces within 1e-4 N for a band of 2.3e-4 mm."""
@@ -156,6 +157,7 @@ def test_the_coupled_equilibrium_is_that_of_sofa(insertion: Insertion, name: str
     check(f"{text}: forces", expected=0.0, measured=force, tolerance=1e-4 * band / BAND_MM, unit="N")
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["sine-0-1", "demo-0-3", "kick-0-0", "siney-0-2"])
 def test_the_tissue_alone_deforms_as_in_sofa(insertion: Insertion, name: str) -> None:
     """Under the forces of the points as dead loads: the exact rotation of each tetrahedron in both codes."""

@@ -6,6 +6,8 @@ import subprocess
 import sys
 from pathlib import Path
 
+import pytest
+
 SCRIPT = """
 import sys
 
@@ -28,10 +30,11 @@ mesh = box_mesh(np.array([0.024, 0.04, 0.06]), (2, 4, 6))
 tissue = TissueModel.of(mesh, held_nodes(mesh, ["y_min", "y_max"]), Material(young_pa=6300.0, poisson=0.4))
 needle = NeedleModel.from_tube(Tube(0.09, 8, 1.27e-3, 0.838e-3, 200e9, 0.29))
 entry = np.array([0.012, 0.02, 0.0])
-channel = ChannelModel.of(spacing_m=0.01, spread_m=0.004, longest_m=0.09, mesh=mesh, entry_m=entry, hard=False)
+sizes = {"spacing_m": 0.01, "bevel_m": 1.27e-3, "spread_m": 0.004, "longest_m": 0.09}
+channel = ChannelModel.of(**sizes, mesh=mesh, entry_m=entry, hard=False)
 law = ContactLaw(friction=0.1, adhesion_n_per_m=10.0, cutting_n=0.1, puncture_n=0.1)
 across, along = cylinder_compliance(shear_pa=2250.0, poisson=0.4, needle_radius_m=6.35e-4, ball_radius_m=0.004)
-line = LineCoupling(False, np.diag([across, across, along]), free_tip=True, entry_m=1e-3, force_share_m_per_n=1e-3)
+line = LineCoupling(False, np.diag([across, across, along]), free_tip=True, bevel_m=1.27e-3, force_share_m_per_n=1e-3)
 model = CoupledModel(tissue, needle, channel, law, line, Tolerances(), entry, dt_s=0.01)
 insertion = Insertion(model)
 state = insertion.initial_state(np.array([0.0, 0.0, 1.0]))
@@ -45,6 +48,7 @@ print(state.inserted_m, push)
 """
 
 
+@pytest.mark.slow
 def test_an_insertion_of_si_objects_needs_no_pydantic() -> None:
     """20 mm of push: base force = f_cut + tau0 D, D the inserted length."""
     root = Path(__file__).resolve().parents[3]

@@ -102,6 +102,7 @@ def test_the_seed_makes_the_weights_and_only_they_are_random() -> None:
     assert np.abs(one.arrays["w"]).max() <= 1.0
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["w", "b"])
 def test_weights_and_biases_are_uniform_in_their_range(name: str) -> None:
     drawn = ExtremeLearningMachine(nodes=800, weight_range=0.7, seed=3).fit(X, Y).arrays[name]
@@ -118,6 +119,7 @@ def test_more_nodes_fit_closer_and_the_default_is_the_papers() -> None:
     assert ExtremeLearningMachine().nodes == 25
 
 
+@pytest.mark.slow
 def test_a_column_that_does_not_change_is_harmless() -> None:
     still = X.copy()
     still[:, 1] = 0.031
@@ -148,6 +150,7 @@ def test_neighbours_are_averaged_in_standardised_inputs() -> None:
     np.testing.assert_allclose(fitted("neighbours").predict(at[None])[0], expected, atol=1e-12)
 
 
+@pytest.mark.slow
 def test_the_network_is_scikit_learns_without_scikit_learn() -> None:
     neural_network = pytest.importorskip("sklearn.neural_network")
     theirs: list[Any] = []
@@ -166,6 +169,7 @@ def test_the_network_is_scikit_learns_without_scikit_learn() -> None:
 # ---- what cannot be learned from
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("kind", KINDS)
 def test_data_that_does_not_fit_is_refused(kind: str) -> None:
     regressor = fitted(kind)
@@ -193,6 +197,7 @@ def test_an_untrained_model_and_impossible_settings_are_refused() -> None:
 # ---- files
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("kind", KINDS)
 def test_a_model_comes_back_as_it_was_written(kind: str) -> None:
     model = TrainedModel(fitted(kind), {"data_sha256": "abc"})

@@ -52,6 +52,7 @@ def test_node_counts_of_the_papers_block(edge_mm: float, nodes: int) -> None:
     assert len(mesh.tets) == 6 * np.prod(mesh.cells)
 
 
+@pytest.mark.slow
 @quick
 @given(st.tuples(counts, counts, counts))
 def test_the_tetrahedra_fill_the_box(cells: tuple[int, int, int]) -> None:
@@ -61,6 +62,7 @@ def test_the_tetrahedra_fill_the_box(cells: tuple[int, int, int]) -> None:
     assert volumes(mesh).sum() == pytest.approx(SIZE_M.prod(), rel=1e-13)
 
 
+@pytest.mark.slow
 @quick
 @given(st.tuples(counts, counts, counts))
 def test_the_mesh_conforms(cells: tuple[int, int, int]) -> None:
@@ -73,6 +75,7 @@ def test_the_mesh_conforms(cells: tuple[int, int, int]) -> None:
     assert {tuple(t) for t in faces[shared == 1]} == {tuple(sorted(t)) for t in mesh.surface_triangles}
 
 
+@pytest.mark.slow
 @quick
 @given(st.tuples(counts, counts, counts))
 def test_the_surface_is_closed_and_outward(cells: tuple[int, int, int]) -> None:
@@ -109,6 +112,7 @@ def test_named_faces_are_the_nodes_on_them(face: str) -> None:
 shares = arrays(np.float64, 3, elements=st.floats(0.0, 1.0))
 
 
+@pytest.mark.slow
 @quick
 @given(st.tuples(counts, counts, counts), shares)
 def test_locate_reproduces_linear_fields(cells: tuple[int, int, int], share: np.ndarray) -> None:
@@ -122,6 +126,7 @@ def test_locate_reproduces_linear_fields(cells: tuple[int, int, int], share: np.
     assert tuple(sorted(nodes)) in {tuple(t) for t in np.sort(mesh.tets, axis=1)}
 
 
+@pytest.mark.slow
 @quick
 @given(arrays(np.float64, 3, elements=st.floats(-2.0, 3.0)))
 def test_locate_moves_a_point_outside_onto_the_box(share: np.ndarray) -> None:

@@ -151,6 +151,15 @@ ABAQUS = [
     ("*INSTANCE, NAME=A\n*END INSTANCE\n*INSTANCE, NAME=B\n", "line 3: holds a second instance"),
     ("*INSTANCE, NAME=A\n0, 0, 1\n0, 0, 0, 1, 0, 0, 90\n*END INSTANCE\n", "line 3: the instance is turned"),
     ("1, 2, 3\n", "line 1: the file must begin with a keyword"),
+    ("*NODE\n\u0661, 0, 0, 0\n", "line 2: '\u0661' is not a number of *NODE"),
+    ("*NODE\n1, 1_0, 0, 0\n", "line 2: '1_0, 0, 0' are not coordinates"),
+    ("*NODE\n1, nan, 0, inf\n", "line 2: 'nan, 0, inf' are not coordinates"),
+    ("*NODE\n1, 0, 0, 0\n*INCL, INPUT=/etc/passwd\n", "line 3: *INCL is no keyword: spell it out"),
+    ("*NODE\n1, 0, 0, 0\n*NSE, NSET=A\n1\n", "line 3: *NSE is no keyword: spell it out"),
+    ("*NODE\n1, 0, 0, 0\n* include,\n INPUT = /etc/passwd\n", "*INCLUDE takes its data from another file"),
+    ("*NODE\n1, 0, 0, 0\n*NSET, NSET=A\nA\n", "line 4: 'A' is neither a number nor a set"),
+    ("*NODE\n1, 0, 0, 0\n" + "".join(f"*NSET, NSET=A{i}\n1\n" for i in range(1001)), "at most 1000 sets"),
+    (f"*NODE\n1, 0, 0, 0\n*NSET, NSET={'A' * 201}\n1\n", "names of at most 200 characters"),
 ]
 
 
@@ -203,6 +212,7 @@ def unused_points(count: int) -> bytes:
     return f"{head}{piece}{array}".encode() + data + b"</DataArray></Points></Piece></UnstructuredGrid></VTKFile>"
 
 
+@pytest.mark.slow
 def test_millions_of_unused_points_are_refused_before_they_are_unpacked(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("zlib.decompressobj", lambda: pytest.fail("was unpacked"))
     assert "announces 20000000 points" in refusal(unused_points(20_000_000), ".vtu")
@@ -213,6 +223,7 @@ def test_an_array_is_not_unpacked_beyond_what_it_announces() -> None:
     assert "holds more than is announced" in refusal(data, ".vtu")
 
 
+@pytest.mark.slow
 def test_reading_ends_at_its_limits(monkeypatch: pytest.MonkeyPatch) -> None:
     """A reader without end, and one that takes all memory: the process is ended, the sentence says so."""
     monkeypatch.setattr(reading_process, "TIME_S", 1)
@@ -222,6 +233,7 @@ def test_reading_ends_at_its_limits(monkeypatch: pytest.MonkeyPatch) -> None:
         read_apart(b"", ".inp", (), 1.0)
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(sys.platform == "win32", reason="Windows has no limit on the memory of a process")
 def test_reading_has_little_memory(monkeypatch: pytest.MonkeyPatch) -> None:
     greedy = (
@@ -233,6 +245,7 @@ def test_reading_has_little_memory(monkeypatch: pytest.MonkeyPatch) -> None:
         read_apart(b"", ".inp", (), 1.0)
 
 
+@pytest.mark.slow
 def test_the_command_line_reads_in_a_process_of_its_own(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("simcore.mesh.reading.read_body", lambda *a: pytest.fail("was read in this process"))
     mesh = load_mesh(str(FILES / "nset_union.inp"), unit_mm=1.0, names=("Fixed",), sha256=None)
@@ -258,6 +271,7 @@ def mutants(data: bytes, count: int, seed: int) -> Iterator[bytes]:
         )
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["nset_names.inp", "box_groups_saveall.msh", "sphere_v1.0_asc.msh", "tangled.vtu"])
 def test_a_changed_file_is_a_mesh_or_one_sentence(name: str) -> None:
     """Bytes changed, doubled and cut off: never another exception than the one with the sentence."""

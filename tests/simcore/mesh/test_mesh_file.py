@@ -117,6 +117,7 @@ def only_problem(data: dict[str, Any], field: str) -> str:
 # the box from a file is the box
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", FORMATS)
 def test_every_format_gives_the_box_back(tmp_path: Path, name: str, capfd: pytest.CaptureFixture[str]) -> None:
     """Nodes, tetrahedra, held nodes, size; the readers' own chatter is not let through."""
@@ -144,6 +145,7 @@ def insertion_run(tissue: dict[str, Any], **trajectory: Any) -> Rollout:
     return run(Scenario.load(data))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["gmsh4.msh", "box.vtu"])
 def test_the_box_from_a_file_gives_the_path_of_the_box(tmp_path: Path, name: str) -> None:
     """Point location, balls at the surface, normals, numbering: to 1e-9 m in the tip, at every step."""
@@ -156,6 +158,7 @@ def test_the_box_from_a_file_gives_the_path_of_the_box(tmp_path: Path, name: str
     np.testing.assert_allclose(from_file.series["base_force_n"], built_in.series["base_force_n"], atol=1e-6)
 
 
+@pytest.mark.slow
 def test_flat_sides_of_the_bounding_box_can_be_held_too(tmp_path: Path) -> None:
     """Without fixed_sets the default is that of the block; both together are united."""
     path, held = write_box(tmp_path, "box.vtu")
@@ -168,6 +171,7 @@ def test_flat_sides_of_the_bounding_box_can_be_held_too(tmp_path: Path) -> None:
     np.testing.assert_array_equal(held_of(both, tissue_model(both).mesh), expected)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("unit_mm", [1000.0, 25.4])
 def test_units(tmp_path: Path, unit_mm: float) -> None:
     """A file in metres or inches: mesh_unit_mm says so."""
@@ -177,6 +181,7 @@ def test_units(tmp_path: Path, unit_mm: float) -> None:
     assert "mesh_unit_mm" in only_problem(box_fields(path, mesh_unit_mm=unit_mm * 1e-2), "tissue.mesh_file")
 
 
+@pytest.mark.slow
 def test_inverted_tetrahedra_and_loose_points_are_repaired(tmp_path: Path) -> None:
     """Every third tetrahedron inside out, points that nothing uses at the front: the same run, to the last bit."""
     path, loose = tmp_path / "box.vtu", tmp_path / "loose.vtu"
@@ -193,6 +198,7 @@ def test_inverted_tetrahedra_and_loose_points_are_repaired(tmp_path: Path) -> No
 # the digest of the content
 
 
+@pytest.mark.slow
 def test_the_resolved_scenario_names_the_content(tmp_path: Path) -> None:
     """Loaded again it is the same; with another content under the same name it is refused, at load and in a run."""
     path, held = write_box(tmp_path, "box.vtu")
@@ -299,6 +305,7 @@ BAD: list[tuple[Callable[[Path], Path], str]] = [
 ]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("case", range(len(BAD)))
 def test_a_bad_file_is_one_clear_sentence(tmp_path: Path, case: int, capfd: pytest.CaptureFixture[str]) -> None:
     """Field, value and what is wrong; nothing printed, no other exception."""
@@ -312,6 +319,7 @@ def test_a_bad_file_is_one_clear_sentence(tmp_path: Path, case: int, capfd: pyte
     assert capfd.readouterr() == ("", "")
 
 
+@pytest.mark.slow
 def test_a_node_shared_by_two_bodies_does_not_join_them(tmp_path: Path) -> None:
     """A hinge would be a mechanism: parts must share faces."""
     other = BOX.tets + len(MM)
@@ -329,6 +337,7 @@ def test_huge_files_are_not_read(tmp_path: Path) -> None:
     assert f"holds {MAXIMUM_MB + 1} MB, at most {MAXIMUM_MB}" in only_problem(box_fields(path), "tissue.mesh_file")
 
 
+@pytest.mark.slow
 def test_a_mesh_too_fine_for_the_memory_is_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """The factor of the box needs 0.06 MB, the limit is put below."""
     assert MAXIMUM_FACTOR_MB == 2000

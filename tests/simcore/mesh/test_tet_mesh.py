@@ -58,6 +58,7 @@ def test_every_item_is_in_one_leaf_of_the_tree(count: int) -> None:
             assert (tree.high[leaves + leaf] >= corners[item]).all()
 
 
+@pytest.mark.slow
 @quick
 @given(shares)
 def test_locate_is_the_inverse_of_the_shape_functions(share: Vector) -> None:
@@ -73,6 +74,7 @@ def test_locate_is_the_inverse_of_the_shape_functions(share: Vector) -> None:
     assert PEBBLE.outside_by(point[None])[0] < 1e-14
 
 
+@pytest.mark.slow
 @quick
 @given(shares)
 def test_outside_it_is_the_nearest_point_of_the_surface(share: Vector) -> None:
@@ -142,6 +144,7 @@ def ball(mesh: Mesh, centre: Vector, radius_m: float) -> Vector:
     return full
 
 
+@pytest.mark.slow
 @quick
 @given(shares, st.sampled_from([0.0, 0.004, 0.007]))
 def test_balls_in_the_box_as_tetrahedra_are_those_of_the_box(share: Vector, radius_m: float) -> None:
@@ -152,6 +155,7 @@ def test_balls_in_the_box_as_tetrahedra_are_those_of_the_box(share: Vector, radi
     np.testing.assert_allclose(ball(AS_TETS, centre, radius_m), ball(BOX, centre, radius_m), atol=1e-8)
 
 
+@pytest.mark.slow
 @quick
 @given(shares, st.sampled_from([0.0, 0.004, 0.012]))
 def test_a_ball_anywhere_reproduces_linear_fields(share: Vector, radius_m: float) -> None:
@@ -163,6 +167,7 @@ def test_a_ball_anywhere_reproduces_linear_fields(share: Vector, radius_m: float
     np.testing.assert_allclose(weights @ PEBBLE.nodes_m, centre, atol=1e-15)
 
 
+@pytest.mark.slow
 def test_weights_move_continuously_out_of_the_mesh() -> None:
     """A ball that is pulled out through the surface: steps of 1 um never change a weight by more than 1 in 1000."""
     start, normal = np.array([0.0, 0.0, 0.05]), np.array([0.0, 0.0, 1.0])

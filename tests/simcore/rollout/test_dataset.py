@@ -30,7 +30,7 @@ def test_a_row_holds_what_the_controller_saw_and_what_it_answered() -> None:
     series = {
         "base_position_m": numbers,
         "command_position_m": 100.0 + numbers,
-        "tip_m": 10.0 * numbers,
+        "tip_seen_m": 10.0 * numbers,
         "target_noisy_m": 20.0 * numbers,
     }
     found = table_one(series)

@@ -26,6 +26,7 @@ Series = dict[str, np.ndarray]
 # ---- delay
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("steps", [1, 4])
 def test_a_delayed_run_is_the_run_whose_commands_are_shifted(steps: int) -> None:
     """To the bit, in every array but the commands, which stand where they were made."""
@@ -39,6 +40,7 @@ def test_a_delayed_run_is_the_run_whose_commands_are_shifted(steps: int) -> None
     assert delayed.digest != run(short(trajectory=LINE, controller=replay(poses))).digest
 
 
+@pytest.mark.slow
 def test_open_loop_with_a_delay_is_open_loop_later() -> None:
     now, late = (run(short(trajectory=LINE, controller={"kind": "open_loop", "delay_s": d})) for d in (0.0, 0.5))
     for name in ("base_position_m", "tip_m", "base_force_n", "depth_m"):
@@ -54,6 +56,7 @@ def test_a_delay_longer_than_the_run_never_moves_the_base() -> None:
     np.testing.assert_array_equal(series["base_position_m"], [series["base_position_m"][0]] * 6)
 
 
+@pytest.mark.slow
 def test_a_delay_costs_accuracy() -> None:
     rmse = [
         run(short(noise_mm=0.0, controller={"kind": "ifem", "delay_s": d})).metrics["rmse_commanded_mm"]
@@ -82,6 +85,7 @@ def test_the_series_tells_the_authority_of_every_state_that_was_linearised() -> 
     assert ((share > 0.2) & (share < 1.02)).all()  # of a rigid lever's, with its sign: all of it only at the entry
 
 
+@pytest.mark.slow
 def test_a_failed_step_keeps_the_authority_that_it_was_commanded_with(monkeypatch: pytest.MonkeyPatch) -> None:
     whole, step = run(short()), Insertion.step
 
@@ -99,6 +103,7 @@ def test_a_failed_step_keeps_the_authority_that_it_was_commanded_with(monkeypatc
         np.testing.assert_array_equal(found.series[name], whole.series[name][:21])
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("kind", ["open_loop", "rigid", "frozen"])
 def test_a_controller_that_linearises_nothing_has_no_authority(kind: str) -> None:
     found = run(short(controller={"kind": kind}))

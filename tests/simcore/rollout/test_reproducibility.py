@@ -54,6 +54,7 @@ def first() -> dict[str, Rollout]:
     return {name: run(Scenario.load(data)) for name, data in KINDS.items()}
 
 
+@pytest.mark.slow
 def test_every_kind_again_in_reverse_order(first: dict[str, Rollout]) -> None:
     """Nothing is kept from run to run: neither factors nor columns of another problem of the same size."""
     assert [found.status is Status.COMPLETED for found in first.values()] == [True] * 5 + [False]
@@ -63,6 +64,7 @@ def test_every_kind_again_in_reverse_order(first: dict[str, Rollout]) -> None:
     verify("reproducibility", text, expected=0, measured=len(different), tolerance=0, source=SOURCE)
 
 
+@pytest.mark.slow
 def test_all_kinds_are_different(first: dict[str, Rollout]) -> None:
     """Non-vacuity: a digest tells runs apart."""
     assert len({found.digest for found in first.values()}) == len(KINDS)

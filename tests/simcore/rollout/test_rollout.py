@@ -81,6 +81,7 @@ def verify_same(text: str, digests: list[str], expected: str) -> None:
     )
 
 
+@pytest.mark.slow
 def test_a_run_completes_and_succeeds(plain: Rollout) -> None:
     assert plain.status is Status.COMPLETED
     assert plain.message == ""
@@ -88,6 +89,7 @@ def test_a_run_completes_and_succeeds(plain: Rollout) -> None:
     assert plain.metrics["steps"] == plain.metrics["steps_completed"] == short().steps == STEPS
 
 
+@pytest.mark.slow
 def test_twice_is_the_same_to_the_bit(plain: Rollout) -> None:
     again = run(short())
     verify_same("a second run", [again.digest], plain.digest)
@@ -95,6 +97,7 @@ def test_twice_is_the_same_to_the_bit(plain: Rollout) -> None:
         np.testing.assert_array_equal(again.series[name], array, err_msg=name)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "recording", [{"enabled": False}, {"every_steps": 1}, {"every_steps": 7}, {"every_steps": 10_000}]
 )
@@ -104,11 +107,13 @@ def test_recording_does_not_change_the_digest(plain: Rollout, recording: dict[st
     np.testing.assert_array_equal(other.series["tissue_m"][-1], plain.series["tissue_m"][-1])
 
 
+@pytest.mark.slow
 def test_other_runs_in_between_do_not_matter(plain: Rollout) -> None:
     run(short(seed=99, tissue={"young_kpa": 2.0}))
     verify_same("after runs of another seed and stiffness", [run(short()).digest], plain.digest)
 
 
+@pytest.mark.slow
 def test_a_round_trip_through_json_does_not_matter(plain: Rollout) -> None:
     assert run(Scenario.load(json.dumps(short().resolved()))).digest == plain.digest
 
@@ -169,6 +174,7 @@ def digest_elsewhere(scenario: Scenario, **environment: str) -> str:
     return done.stdout.strip()
 
 
+@pytest.mark.slow
 def test_another_process_gives_the_same_digest(plain: Rollout) -> None:
     threads = {"OMP_NUM_THREADS": "2", "OPENBLAS_NUM_THREADS": "2", "PYTHONHASHSEED": "7"}
     verify_same("another process, two threads asked for", [digest_elsewhere(short(), **threads)], plain.digest)
@@ -185,6 +191,7 @@ def test_a_cold_cache_gives_the_same_digest(plain: Rollout, tmp_path: Path) -> N
 # ---- the seed
 
 
+@pytest.mark.slow
 def test_the_seed_changes_the_noise_and_the_digest(plain: Rollout) -> None:
     other = run(short(seed=12))
     assert other.digest != plain.digest
@@ -193,6 +200,7 @@ def test_the_seed_changes_the_noise_and_the_digest(plain: Rollout) -> None:
     assert not np.array_equal(other.series["tip_m"], plain.series["tip_m"])
 
 
+@pytest.mark.slow
 def test_without_noise_the_seed_changes_nothing() -> None:
     one, two = run(short(noise_mm=0.0, seed=1)), run(short(noise_mm=0.0, seed=2**53 - 1))
     assert one.digest == two.digest
@@ -226,6 +234,7 @@ def test_a_hold_that_is_no_multiple_of_the_step_is_refused(hold_s: float) -> Non
 # ---- the observer
 
 
+@pytest.mark.slow
 def test_the_observer_sees_the_rows_of_the_series(plain: Rollout) -> None:
     watcher = Watcher()
     found = run(short(), watcher)
@@ -270,6 +279,7 @@ class StoppedError(Exception):
     """What a cancelling observer raises."""
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("step", [1, 17, STEPS])
 @pytest.mark.parametrize("error", [StoppedError(), KeyboardInterrupt(), SystemExit(3)])
 def test_an_observer_that_raises_stops_the_run(plain: Rollout, step: int, error: BaseException) -> None:
@@ -280,12 +290,14 @@ def test_an_observer_that_raises_stops_the_run(plain: Rollout, step: int, error:
     np.testing.assert_array_equal(watcher.records[-1].tip_m, plain.series["tip_m"][step])
 
 
+@pytest.mark.slow
 def test_a_run_after_a_stopped_one_is_the_same(plain: Rollout) -> None:
     with pytest.raises(StoppedError):
         run(short(), Watcher(stop_at=20, error=StoppedError()))
     assert run(short()).digest == plain.digest
 
 
+@pytest.mark.slow
 def test_the_observers_time_is_recording_time() -> None:
     now = [0.0]
 
@@ -383,11 +395,13 @@ def test_metrics_are_those_of_the_series(plain: Rollout) -> None:
     assert plain.metrics["limited_fraction"] == pytest.approx(plain.series["limited"][1:].mean())
 
 
+@pytest.mark.slow
 def test_warnings_of_the_scenario_are_in_the_result(plain: Rollout) -> None:
     assert plain.result()["warnings"] == []
     assert "interaction.friction" in run(short(interaction={"friction": 0.5})).result()["warnings"][0]
 
 
+@pytest.mark.slow
 def test_the_loop_has_one_thread(monkeypatch: pytest.MonkeyPatch) -> None:
     from threadpoolctl import threadpool_info
 
@@ -408,6 +422,7 @@ def test_the_loop_has_one_thread(monkeypatch: pytest.MonkeyPatch) -> None:
 ENDED = (Status.TARGET_LOST, Status.BUCKLED, Status.AUTHORITY_LOST, Status.SHAFT_BESIDE)  # by a step that converged
 
 
+@pytest.mark.slow
 @settings(max_examples=examples(50), deadline=None, suppress_health_check=list(HealthCheck))
 @given(small_runs())
 def test_any_small_run_ends_by_name_with_finite_rows_and_a_stable_digest(data: dict[str, Any]) -> None:

@@ -31,6 +31,7 @@ def test_series_names_shapes_and_types(plain: Rollout) -> None:
         "base_position_m": (rows, 3),
         "base_rotation": (rows, 4),
         "tip_m": (rows, 3),
+        "tip_seen_m": (rows, 3),
         "target_m": (rows, 3),
         "target_noisy_m": (rows, 3),
         "command_position_m": (rows, 3),
@@ -118,6 +119,7 @@ def test_the_robots_limits_hold_in_the_series() -> None:
     np.testing.assert_allclose(s["base_position_m"][free], s["command_position_m"][free], atol=1e-15)
 
 
+@pytest.mark.slow
 def test_the_path_of_the_tissue_moves_with_it() -> None:
     world, tissue = run(short(noise_mm=0.0)), run(short(noise_mm=0.0, trajectory={"frame": "tissue"}))
     assert tissue.status is Status.COMPLETED
@@ -153,6 +155,7 @@ def test_replay_is_as_long_as_its_poses_and_not_limited() -> None:
     assert not s["limited"].any()
 
 
+@pytest.mark.slow
 def test_replay_of_a_run_is_that_run() -> None:
     """The recorded base poses, prescribed, give the same states but for rounding of the poses."""
     made = run(short(noise_mm=0.0)).series

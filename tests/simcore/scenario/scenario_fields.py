@@ -22,6 +22,9 @@ STRAIGHT_IN = [0.0, 0.0, -100.0, 1.0, 0.0, 0.0, 0.0]
 KINDS: list[Json] = [
     {},
     {"trajectory": {"kind": "sine"}},
+    {"trajectory": {"kind": "arc"}},
+    {"trajectory": {"kind": "waypoints"}},
+    {"trajectory": {"kind": "reach"}},
     {"controller": {"kind": "replay", "poses": [STRAIGHT_IN]}},
     {"controller": {"kind": "open_loop"}},
     {"controller": {"kind": "ifem", "model": {"kind": "separate"}}},

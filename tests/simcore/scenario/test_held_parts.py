@@ -55,6 +55,7 @@ def test_null_means_the_sides_where_nothing_else_is_named(tissue: dict[str, Any]
     assert Scenario.load({"tissue": tissue}).tissue.held_faces == faces
 
 
+@pytest.mark.slow
 def test_a_changed_scenario_holds_what_its_sets_name_and_nothing_else() -> None:
     """As `run line --set tissue.mesh_file=... --set tissue.fixed_sets=...` loads it."""
     changes = [

@@ -18,6 +18,7 @@ from tests.simcore.scenario.scenario_fields import KINDS, STRAIGHT_IN, Json, ref
 from tests.strategies import scenarios
 
 
+@pytest.mark.slow
 @settings(max_examples=examples(60), deadline=None)
 @given(scenarios())
 def test_round_trip(data: Json) -> None:
@@ -97,6 +98,13 @@ def test_steps_are_path_over_pace_or_the_poses() -> None:
     assert Scenario.load({"controller": {"kind": "replay", "poses": [STRAIGHT_IN] * 7}}).steps == 7
     sine = Scenario.load({"trajectory": {"kind": "sine", "amplitude_mm": 3.0}})
     assert sine.steps == math.ceil(sine.path().length_m / 1e-4) > 1220
+
+
+def test_a_puncture_is_not_calibrated_and_says_so() -> None:
+    assert Scenario.load({}).warnings() == []
+    (warning,) = Scenario.load({"interaction": {"puncture_n": 0.1}}).warnings()
+    assert "puncture_n = 0.1 N" in warning
+    assert "depends on the mesh" in warning
 
 
 def test_high_friction_is_allowed_with_a_warning() -> None:

@@ -121,6 +121,7 @@ def test_a_model_says_what_it_is(model: type[BaseModel]) -> None:
     assert model.__doc__
 
 
+@pytest.mark.slow
 @every_number_field
 def test_a_range_is_in_the_description(field: NumberField) -> None:
     schema = Scenario.model_json_schema()
@@ -205,6 +206,7 @@ def test_the_defaults_in_one_place() -> None:
             "model": {"kind": "shared"},
             "delay_s": 0.0,
         },
+        "sensing": {"rate_hz": None, "latency_s": 0.0, "noise_mm": 0.0, "tip": "true", "registration_mm": 1.0},
         "motion": {"kind": "none"},
         "solver": {
             "mode": "converged",

@@ -88,6 +88,7 @@ def test_a_number_of_very_many_digits_is_refused(digits: int) -> None:
         refusal({"seed": 10 ** (digits - 1)})
 
 
+@pytest.mark.slow
 def test_huge_input_gives_a_short_answer() -> None:
     for data in (
         {"x" * 1_000_000: 1},
@@ -103,6 +104,7 @@ def test_huge_input_gives_a_short_answer() -> None:
     assert "20000 problems" in str(many.problems[-1])
 
 
+@pytest.mark.slow
 def test_a_replay_of_a_long_log_loads() -> None:
     assert Scenario.load(json.dumps(replay(*[STRAIGHT_IN] * 50_000))).steps == 50_000
 
@@ -114,6 +116,7 @@ values = st.recursive(
 )
 
 
+@pytest.mark.slow
 @settings(max_examples=examples(100), deadline=None)
 @given(st.sampled_from(list(NUMBERS.values())), st.integers(1, 4), values)
 def test_any_value_anywhere_is_taken_or_refused_by_name(field: NumberField, depth: int, value: Any) -> None:

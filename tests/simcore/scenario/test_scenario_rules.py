@@ -12,7 +12,7 @@ from simcore.scenario.scenario import Scenario
 from tests.simcore.scenario.scenario_fields import STRAIGHT_IN, Json, refusal, refusal_or_none, refused, replay
 
 EVERY_KIND: list[Json] = [  # that needs no file of its own and no plug-in
-    *({"kind": kind} for kind in ("ifem", "rigid", "frozen", "open_loop", "linear")),
+    *({"kind": kind} for kind in ("ifem", "rigid", "frozen", "open_loop", "linear", "remote")),
     {"kind": "replay", "poses": [STRAIGHT_IN]},
 ]
 

@@ -142,6 +142,7 @@ def largest_gradient(model: TissueModel, u: Vector) -> float:
     return float(np.abs(np.einsum("tai,taj->tij", u[model.mesh.tets], model.gradients)).max())
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", CASES)
 def test_small_strain_displacements_are_those_of_scikit_fem(name: str) -> None:
     """The paper's block at h = 10 mm, loaded to a largest displacement gradient g = 1e-3 and down to an eighth of it.

@@ -120,6 +120,7 @@ def test_a_step_depends_on_its_state_alone() -> None:
     np.testing.assert_allclose(again.bodies.x, third.bodies.x, atol=1e-11)
 
 
+@pytest.mark.slow
 def test_a_breath_of_no_depth_is_no_breath() -> None:
     """Amplitude 0 and no motion at all give the same digest."""
     path = {"target_mm": [12.0, 20.0, 5.0]}

@@ -114,6 +114,7 @@ def test_both_solutions_are_those_of_their_own_equations() -> None:
     check(text, expected=0, measured=miss, tolerance=1e-8, source="small-strain elasticity assembled in the tests")
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("faces", [("y_min", "y_max"), ("z_max",)])
 @pytest.mark.parametrize("poisson", [0.0, 0.4, 0.49])
 def test_quadratic_tetrahedra_are_never_stiffer(faces: tuple[str, ...], poisson: float) -> None:
@@ -145,6 +146,7 @@ def manufactured_errors(cells: int) -> tuple[float, float]:
     return float(energy), float(np.sqrt(np.mean(miss**2) / np.mean(exact**2)))
 
 
+@pytest.mark.slow
 def test_quadratic_tetrahedra_converge_with_their_order() -> None:
     """Energy norm like h^2, displacement like h^3 (Brenner and Scott); linear ones have h and h^2."""
     cells = np.array([4, 6, 8])

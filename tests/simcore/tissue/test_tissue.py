@@ -142,6 +142,7 @@ def test_forces_balance() -> None:
     assert np.abs(np.cross(x, forces).sum(axis=0)).max() < 1e-13 * np.abs(forces).sum() * 0.05
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("turned", [False, True])
 def test_rotated_stiffness_is_symmetric_and_semidefinite(turned: bool) -> None:
     """sum R_e K_e R_e^T: symmetric, no negative eigenvalue, translations in its null space; at rest rotations too."""
@@ -217,6 +218,7 @@ def polar_of(f: Vector, start: Vector) -> Vector:
     return rotations[0].reshape(3, 3)
 
 
+@pytest.mark.slow
 @quick
 @given(stretches, turns, turns, turns, st.booleans())
 def test_polar_rotation_is_scipys(

@@ -9,11 +9,11 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from simcore.episode.authority import lost_authority
 from simcore.errors import Status
 from simcore.insertion.stability import is_stable, least_buckling_force_n
 from simcore.needle.shaft import shaft_frame
-from simcore.rollout.authority import lost_authority
-from simcore.scenario.scenario import Replay
+from simcore.scenario.scenario import ReachTrajectory, Replay
 from simcore.tissue.strain import strain_extremes
 
 if TYPE_CHECKING:
@@ -66,7 +66,10 @@ def after_step(
 
 
 def target_lost(scenario: Scenario, error_m: float) -> str | None:
-    """The tip is farther from the target of its command than max(10 mm, 5 success_mm); prescribed poses have none."""
+    """The tip is farther from the target of its command than max(10 mm, 5 success_mm). Prescribed poses have none, and
+    one without a path is far at first."""
+    if isinstance(scenario.trajectory, ReachTrajectory):
+        return None
     allowed_mm = max(LOST_MM, LOST_PER_SUCCESS * scenario.success_mm)
     if isinstance(scenario.controller, Replay) or error_m <= allowed_mm * 1e-3:
         return None

@@ -9,11 +9,11 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import pytest
 
+from simcore.episode.authority import lost_authority
+from simcore.episode.endings import after_failure, after_step, place_of_inversion, shaft_beside
 from simcore.errors import Status
 from simcore.insertion.stability import is_stable
-from simcore.rollout.authority import lost_authority
 from simcore.rollout.cautions import run_warnings
-from simcore.rollout.endings import after_failure, after_step, place_of_inversion, shaft_beside
 from simcore.rollout.rollout import run
 from simcore.scenario.build import insertion_of
 from simcore.scenario.scenario import Scenario
@@ -30,6 +30,7 @@ DOWN = np.array([0.0, 0.0, 1.0])
 # ---- the target
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("success_mm", "allowed_mm"), [(2.0, 10.0), (0.5, 10.0), (4.0, 20.0)])
 def test_a_tip_that_is_left_behind_has_lost_its_target(success_mm: float, allowed_mm: float) -> None:
     """120 mm/s for a robot that goes 50: this was a completed run, 35 mm from its target."""
@@ -67,6 +68,7 @@ def buckling(**changes: Any) -> Rollout:
     return run(Scenario.load({"tissue": block, "needle": THIN, "trajectory": target, "dt_s": 0.02, **changes}))
 
 
+@pytest.mark.slow
 def test_a_thin_needle_buckles_at_the_load_of_euler() -> None:
     """A strut held at its base and led at the entry: 2.0457 pi^2 EI / l^2; its end in the tissue is not quite still."""
     found = buckling()
@@ -78,6 +80,7 @@ def test_a_thin_needle_buckles_at_the_load_of_euler() -> None:
     assert 0.9 * euler_n < found.metrics["max_push_n"] < 1.03 * euler_n
 
 
+@pytest.mark.slow
 def test_a_step_that_fails_just_below_the_limit_is_named_after_it() -> None:
     insertion, state = inserted(THIN)
     failed = replace(state, report=replace(state.report, status=Status.NOT_CONVERGED, message="residual 1 N"))
@@ -236,6 +239,7 @@ def test_limits_that_act_in_most_steps_are_told() -> None:
     assert run_warnings(series(limited=[False, True, False, False]), short()) == []
 
 
+@pytest.mark.slow
 def test_a_run_past_its_yield_stress_is_no_success_and_says_so() -> None:
     lax, strict = (run(short(noise_mm=0.0, needle={"yield_mpa": limit})) for limit in (10_000, 1))
     assert (lax.success, strict.success) == (True, False)

@@ -1,0 +1,160 @@
+"""The curves that paths are: `entry + u (end - entry) + A sin(2 pi n u) d`, where a line has A = 0; an arc of a circle;
+the natural cubic spline through points, over the length of their polygon, which of all curves through them bends least
+(Holladay 1957)."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from functools import cached_property
+from typing import TYPE_CHECKING
+
+import numpy as np
+from scipy.interpolate import CubicSpline
+
+from simcore.trajectory.path import PANELS, Path
+
+if TYPE_CHECKING:
+    from simcore.arrays import Floats
+
+
+@dataclass(frozen=True)
+class SinePath(Path):
+    """A straight chord with an optional sine overlay.
+
+    entry_m, end_m: (3,) m, rest space. direction: (3,), any length, made perpendicular to the chord.
+    """
+
+    entry_m: Floats
+    end_m: Floats
+    amplitude_m: float = 0.0
+    periods: float = 1.0
+    direction: Floats | None = None
+
+    @cached_property
+    def overlay(self) -> Floats:
+        """(3,) unit vector of the overlay, perpendicular to the chord; zero for a straight path."""
+        if self.amplitude_m == 0.0 or self.direction is None:
+            return np.zeros(3)
+        axis = self.chord / np.linalg.norm(self.chord)
+        across = self.direction - (self.direction @ axis) * axis
+        return across / np.linalg.norm(across)
+
+    @property
+    def is_straight(self) -> bool:
+        """Whether it has no overlay."""
+        return self.amplitude_m == 0.0
+
+    def curve(self, u: Floats) -> Floats:
+        """Points (n, 3) m at the parameters u (n,) in [0, 1]."""
+        u = np.atleast_1d(np.asarray(u, dtype=float))
+        wave = self.amplitude_m * np.sin(2 * np.pi * self.periods * u)
+        return self.entry_m + u[:, None] * self.chord + wave[:, None] * self.overlay
+
+    def derivative(self, u: Floats) -> Floats:
+        """Derivatives d curve / du (n, 3) m at the parameters u (n,)."""
+        u = np.atleast_1d(np.asarray(u, dtype=float))
+        k = 2 * np.pi * self.periods
+        slope = self.amplitude_m * k * np.cos(k * u)
+        return self.chord + slope[:, None] * self.overlay
+
+    def second_derivative(self, u: Floats) -> Floats:
+        """Derivatives d2 curve / du2 (n, 3) m at the parameters u (n,)."""
+        k = 2 * np.pi * self.periods
+        bend = -self.amplitude_m * k**2 * np.sin(k * np.atleast_1d(np.asarray(u, dtype=float)))
+        return bend[:, None] * self.overlay
+
+
+@dataclass(frozen=True)
+class ArcPath(Path):
+    """The smaller arc of a circle from entry to end.
+
+    entry_m, end_m: (3,) m, rest space. radius_m: at least half of the chord. direction: (3,), any length, the side to
+    which the arc bulges, made perpendicular to the chord.
+    """
+
+    entry_m: Floats
+    end_m: Floats
+    radius_m: float
+    direction: Floats
+
+    @cached_property
+    def _frame(self) -> tuple[Floats, Floats, Floats, float]:
+        """Centre (3,) m, unit vectors along the chord and to the side, half of the angle."""
+        length = float(np.linalg.norm(self.chord))
+        along = self.chord / length
+        side = self.direction - (self.direction @ along) * along
+        side = side / np.linalg.norm(side)
+        sagging = math.sqrt(max(self.radius_m**2 - 0.25 * length**2, 0.0))
+        centre = 0.5 * (self.entry_m + self.end_m) - sagging * side
+        return centre, along, side, math.asin(min(1.0, 0.5 * length / self.radius_m))
+
+    def _turning(self, u: Floats, order: int) -> Floats:
+        """(n, 3) m: the derivative of this order, from the centre."""
+        _, along, side, half = self._frame
+        angle = (2.0 * np.atleast_1d(np.asarray(u, dtype=float)) - 1.0) * half + 0.5 * np.pi * order
+        size = self.radius_m * (2.0 * half) ** order
+        return size * (np.cos(angle)[:, None] * side + np.sin(angle)[:, None] * along)
+
+    def curve(self, u: Floats) -> Floats:
+        """Points (n, 3) m at the parameters u (n,) in [0, 1]."""
+        return self._frame[0] + self._turning(u, 0)
+
+    def derivative(self, u: Floats) -> Floats:
+        """Derivatives d curve / du (n, 3) m at the parameters u (n,)."""
+        return self._turning(u, 1)
+
+    def second_derivative(self, u: Floats) -> Floats:
+        """Derivatives d2 curve / du2 (n, 3) m at the parameters u (n,)."""
+        return self._turning(u, 2)
+
+
+@dataclass(frozen=True)
+class SplinePath(Path):
+    """The natural cubic spline through points_m (k, 3) m, rest space, k at least 2, neighbours apart: straight through
+    two of them."""
+
+    points_m: Floats
+
+    @property
+    def entry_m(self) -> Floats:
+        """(3,) m: the first point."""
+        return self.points_m[0]
+
+    @property
+    def end_m(self) -> Floats:
+        """(3,) m: the last point."""
+        return self.points_m[-1]
+
+    @property
+    def is_straight(self) -> bool:
+        """Whether there are two points only."""
+        return len(self.points_m) == 2
+
+    @property
+    def panels(self) -> int:
+        """Several between two points, where the third derivative jumps."""
+        return max(PANELS, 16 * len(self.points_m))
+
+    @cached_property
+    def _spline(self) -> CubicSpline:
+        lengths = np.linalg.norm(np.diff(self.points_m, axis=0), axis=1)
+        knots = np.concatenate([[0.0], np.cumsum(lengths)]) / lengths.sum()
+        knots[-1] = 1.0
+        return CubicSpline(knots, self.points_m, bc_type="natural")
+
+    def _at(self, u: Floats, order: int) -> Floats:
+        found: Floats = self._spline(np.atleast_1d(np.asarray(u, dtype=float)), order)
+        return found
+
+    def curve(self, u: Floats) -> Floats:
+        """Points (n, 3) m at the parameters u (n,) in [0, 1]."""
+        return self._at(u, 0)
+
+    def derivative(self, u: Floats) -> Floats:
+        """Derivatives d curve / du (n, 3) m at the parameters u (n,)."""
+        return self._at(u, 1)
+
+    def second_derivative(self, u: Floats) -> Floats:
+        """Derivatives d2 curve / du2 (n, 3) m at the parameters u (n,)."""
+        return self._at(u, 2)
