@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import pytest
 
 from benchmarks.grid.suite import MAXIMUM_CASES, grid
@@ -24,7 +26,12 @@ def test_a_grid_is_the_product_and_names_its_points() -> None:
 
 
 def test_names_say_what_differs_and_nothing_else() -> None:
-    axes = {"controller.kind": ["ifem", "elm"], "tissue.young_kpa": [5.5, 6.3], "dt_s": [0.02], "seed": [3, 4]}
+    axes: dict[str, list[Any]] = {
+        "controller.kind": ["ifem", "elm"],
+        "tissue.young_kpa": [5.5, 6.3],
+        "dt_s": [0.02],
+        "seed": [3, 4],
+    }
     assert grid(NOISY, axes).cases[-1].id == "elm, E 6.3, seed 4"
     paths = [{"kind": "line", "target_mm": [18, 31, 60]}, {"kind": "sine", "target_mm": [18, 31, 60]}]
     found = grid({}, {"controller": [{"kind": "rigid"}, {"kind": "open_loop"}], "trajectory": paths}).cases

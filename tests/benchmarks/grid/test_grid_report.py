@@ -73,8 +73,8 @@ def test_a_field_is_compared_where_all_else_is_the_same(report: dict[str, Any]) 
 
 
 def test_many_values_are_compared_with_the_first() -> None:
-    axes: dict[str, list[Any]] = {"tissue.young_kpa": [1.0, 2.0, 3.0, 4.0, 5.0, 6.0]}
-    (effect,) = document(outcomes(axes), axes, name="six")["effects"]
+    axes: dict[str, list[Any]] = {"tissue.young_kpa": [1.0, 2.0, 3.0, 4.0, 5.0, 6.0], "dt_s": [0.01, 0.02]}
+    effect, _ = document(outcomes(axes), axes, name="six")["effects"]
     assert [(c["first"], c["second"]) for c in effect["contrasts"]] == [("1.0", f"{i}.0") for i in range(2, 7)]
 
 
