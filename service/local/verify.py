@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from service.files.strict_json import without_nan
 from service.files.upload_names import SCHEME, UPLOAD_ID
-from simcore.arms import PLUGIN, Arm, arm_of
+from simcore.arms import PLUGIN, REMOTE, Arm, arm_of
 from simcore.errors import ARCHIVE_ERRORS, NeedlebenchError
 from simcore.file_names import NoSuchFileError, content_in, names_mean
 from simcore.provenance import provenance
@@ -123,6 +123,9 @@ def verify(
 
 def check_arm(origin: Mapping[str, Any], now: Arm) -> None:
     """Raises CannotVerifyError where the controller that would run is not the one that ran."""
+    if now.kind == REMOTE:
+        message = "steered from another process, whose code is not known here: run the scenario again beside it"
+        raise CannotVerifyError(f"controller {now.controller!r} {message}")
     if "arm" not in origin or now.kind != PLUGIN:
         return
     then = Arm.of_data(origin["arm"])
