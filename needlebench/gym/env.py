@@ -6,7 +6,7 @@ import json
 import tempfile
 import uuid
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, ClassVar
+from typing import TYPE_CHECKING, Any
 
 import gymnasium
 import numpy as np
@@ -38,7 +38,7 @@ FAILURE, SUCCESS = -100.0, 10.0
 PLANT = ("dt_s", "tissue", "needle", "interaction", "motion", "solver")  # with the entry: what an insertion is made of
 
 
-class NeedleEnv(gymnasium.Env["Seen", "NDArray[np.float32]"]):
+class NeedleEnv(gymnasium.Env[Any, Any]):
     """Steer a needle's base; the tip should follow its target.
 
     task: name of one of `needlebench.gym.tasks`, which draws a scenario at every reset. depth_mm: of its end points, or
@@ -50,7 +50,7 @@ class NeedleEnv(gymnasium.Env["Seen", "NDArray[np.float32]"]):
     reset(options={"scenario": ...}) runs that one instead, with its own seed. One seed, one episode, to the bit.
     """
 
-    metadata: ClassVar[dict[str, Any]] = {"render_modes": ["rgb_array", "rerun"], "render_fps": 20}
+    metadata: dict[str, Any] = {"render_modes": ["rgb_array", "rerun"], "render_fps": 20}  # noqa: RUF012
 
     def __init__(
         self,
@@ -72,7 +72,7 @@ class NeedleEnv(gymnasium.Env["Seen", "NDArray[np.float32]"]):
         self.task, self.changes, self.privileged = task, dict(changes or {}), privileged
         self.render_mode, self.folder, self.depth_mm = render_mode, folder, depth_mm
         self.action_space = spaces.action_space()
-        self.observation_space = spaces.observation_space(look_ahead, privileged=privileged)
+        self.observation_space: Any = spaces.observation_space(look_ahead, privileged=privileged)
         self.rollout: Rollout | None = None  # of the last episode that ended
         self.recording: Path | None = None  # of the last episode, with render_mode = rerun
         self._plants: tuple[dict[str, Any], Insertion, Kept] | None = None
@@ -101,7 +101,7 @@ class NeedleEnv(gymnasium.Env["Seen", "NDArray[np.float32]"]):
         self.rollout = None
         return self._seen(), {"scenario": scenario.resolved()}
 
-    def step(self, action: NDArray[np.float32]) -> tuple[Seen, float, bool, bool, dict[str, Any]]:
+    def step(self, action: Any) -> tuple[Seen, float, bool, bool, dict[str, Any]]:
         """One step of the scenario's dt. terminated: the run ended by a named failure; truncated: at the end of its
         path or time. An action that is not finite is such a failure. Raises ValueError for one of another shape."""
         given = np.asarray(action, float)
@@ -117,7 +117,7 @@ class NeedleEnv(gymnasium.Env["Seen", "NDArray[np.float32]"]):
         if episode.step_number > made:
             self.record = self.recorder.add(pose, seen, StepTiming(episode.plant_s, 0.0, 0.0))
         failed = episode.status is not Status.COMPLETED
-        info = self._end() if episode.done else {"is_success": False}
+        info: dict[str, Any] = self._end() if episode.done else {"is_success": False}
         terms = self._reward_terms(failed=failed, success=info["is_success"])
         info["reward_terms"] = terms
         return self._seen(), sum(terms.values()), failed, episode.done and not failed, info

@@ -7,7 +7,7 @@ import subprocess
 import sys
 from itertools import pairwise
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import gymnasium
 import numpy as np
@@ -117,7 +117,7 @@ def test_observations_are_what_a_controller_sees(env: NeedleEnv) -> None:
     known = env.episode.observation
     assert env.observation_space.contains(seen)
     quaternion = quaternion_from_matrix(known.base.rotation)
-    for name, value in {
+    expected: dict[str, Any] = {
         "base": [*known.base.position_m, *quaternion],
         "tip": known.tip_m,
         "tip_direction": known.tip_direction,
@@ -127,7 +127,8 @@ def test_observations_are_what_a_controller_sees(env: NeedleEnv) -> None:
         "depth": [known.depth_m],
         "base_wrench": known.base_wrench,
         "time": [known.t_s],
-    }.items():
+    }
+    for name, value in expected.items():
         np.testing.assert_allclose(seen[name], value, rtol=1e-6, atol=1e-7, err_msg=name)
     assert seen["depth"][0] > 1e-3
 

@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 ENTRY = [12, 20, 0]
 ARC = {"kind": "arc", "entry_mm": ENTRY, "target_mm": [12, 22, 20], "radius_mm": 200}
 POINTS = {"kind": "waypoints", "entry_mm": ENTRY, "points_mm": [[12.1, 20.5, 10], [12, 21.5, 20]]}
-REACH = {"kind": "reach", "entry_mm": ENTRY, "target_mm": [12, 21, 20], "time_s": 4}
+REACH: dict[str, Any] = {"kind": "reach", "entry_mm": ENTRY, "target_mm": [12, 21, 20], "time_s": 4}
 
 
 @pytest.mark.parametrize("trajectory", [ARC, POINTS], ids=["arc", "waypoints"])
