@@ -37,9 +37,8 @@ def _design(first: Sequence[Row], second: Sequence[Row], key: Callable[[Row], st
     shared = [row for row in first if key(row) in partners]
     ends = {row.end_point for row in shared}
     if by_end_point and len(ends) >= FEWEST:
-        cluster, unit, notes = _end_point, "end point", _end_notes(len(shared), len(ends))
-        return Design(unit, key, cluster, notes)
-    notes = []
+        return Design("end point", key, _end_point, _end_notes(len(shared), len(ends)))
+    notes: list[str] = []
     if by_end_point and 1 < len(ends) < len(shared):
         notes.append(
             f"cases are the unit: {len(ends)} end points are too few to be one, so those of one are taken as "
