@@ -54,9 +54,8 @@ def lay_down(folder: Path) -> None:
     paths = json.loads((folder / "paths.json").read_text())
     for path in paths:
         path["target_mm"][2] = 12
-        path["speed_mm_s"] = 20
     (folder / "paths.json").write_text(json.dumps([paths[0], paths[-1]]))
-    (folder / "coarse.json").write_text('{"dt_s": 0.05, "tissue": {"element_size_mm": 12}}')
+    (folder / "coarse.json").write_text('{"dt_s": 0.02, "tissue": {"element_size_mm": 12}}')
 
 
 def environment(folder: Path) -> dict[str, str]:
