@@ -54,6 +54,7 @@ def lay_down(folder: Path) -> None:
     paths = json.loads((folder / "paths.json").read_text())
     for path in paths:
         path["target_mm"][2] = 12
+    paths[-1]["amplitude_mm"] = 0.2  # as gentle as the recipe's on a path of a third of the length
     (folder / "paths.json").write_text(json.dumps([paths[0], paths[-1]]))
     (folder / "coarse.json").write_text('{"dt_s": 0.02, "tissue": {"element_size_mm": 12}}')
 
