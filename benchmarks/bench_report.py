@@ -7,8 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 from benchmarks.performance.reference_kernels import UNIT
 from simcore.errors import Problem, ScenarioError
-from simcore.provenance import provenance
-from simcore.scenario.presets import preset
+from simcore.provenance import machine
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -29,7 +28,7 @@ def document(
     load_after: float | None,
 ) -> dict[str, Any]:
     """What is stored. date: ISO 8601. load: of the machine over a minute, None where it is not counted."""
-    origin = provenance(preset("line").resolved())
+    origin = machine()
     figures = {figure.key: figure.as_json() for part in parts.values() for figure in part.figures}
     return {
         "schema": SCHEMA,

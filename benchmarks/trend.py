@@ -35,7 +35,8 @@ class Mark(StrEnum):
 @dataclass(frozen=True)
 class Point:
     """One run of a suite. rmse_commanded_mm: of each case by its id, inf where it failed; digests too. beside: medians
-    of what a small tip error may have been paid with, None where it was not measured.
+    of what a small tip error may have been paid with, None where it was not measured. arms: what ran, by name: id and
+    code of each.
 
     at: UTC seconds since 1970. machine: processor and number of cores. step_ms: median of the cases' median steps,
     None where none was measured.
@@ -49,6 +50,7 @@ class Point:
     successes: int
     step_ms: float | None
     beside: Mapping[str, float | None]
+    arms: Mapping[str, str]
 
     @property
     def median_rmse_mm(self) -> float:
@@ -119,6 +121,7 @@ def _accuracy(point: Point, last: Point | None) -> tuple[Mark, str]:
     changed = [case for case in shared if point.digests.get(case) != last.digests.get(case)]
     if not changed:
         return Mark.SAME, f"all {len(shared)} digests unchanged"
+    others = [f"{arm} {last.arms[arm]} -> {ran}" for arm, ran in point.arms.items() if last.arms.get(arm, ran) != ran]
     gaps = [_gap(point.rmse_commanded_mm[case], last.rmse_commanded_mm[case]) for case in shared]
     above, below = sum(gap > 0 for gap in gaps), sum(gap < 0 for gap in gaps)
     from scipy.stats import binomtest  # a second of imports that readers of this module do not wait for
@@ -126,6 +129,7 @@ def _accuracy(point: Point, last: Point | None) -> tuple[Mark, str]:
     p = float(binomtest(above, above + below).pvalue) if above + below else 1.0
     middle = statistics.median(gaps)
     why = f"{len(changed)} of {len(shared)} digests changed; RMSE {middle:+.4f} mm in the median, sign test p = {p:.2g}"
+    why += f"; other arms: {', '.join(others)}" if others else ""
     if p >= SIGNIFICANCE or abs(middle) < WORTH_MM:
         return Mark.SAME, why
     return (Mark.WORSE if middle > 0 else Mark.BETTER), why

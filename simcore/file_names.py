@@ -4,10 +4,11 @@ path, over HTTP it is the id of something uploaded, and never a path of the serv
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from contextvars import ContextVar
 from pathlib import Path
 
+from simcore.controller_code import file_sha256
 from simcore.errors import NeedlebenchError, Problem, ScenarioError
 
 Lookup = Callable[[str], Path]
@@ -34,6 +35,30 @@ def names_mean(lookup: Lookup) -> Iterator[None]:
         yield
     finally:
         _lookup.reset(token)
+
+
+_folders: ContextVar[tuple[Path, ...]] = ContextVar("folders", default=())
+
+
+@contextmanager
+def content_in(*folders: Path) -> Iterator[None]:
+    """Within, a file that is not where it was, but whose digest is known, is looked for in these folders too."""
+    token = _folders.set((*folders, *_folders.get()))
+    try:
+        yield
+    finally:
+        _folders.reset(token)
+
+
+def with_content(sha256: str, suffix: str, *more: Path) -> Path | None:
+    """The first file with this content and end of its name in `more` or the folders of `content_in`, by name; None if
+    there is none."""
+    for folder in (*more, *_folders.get()):
+        for file in sorted(folder.glob(f"*{suffix}")) if folder.is_dir() else ():
+            with suppress(OSError):
+                if file.is_file() and file_sha256(file) == sha256:
+                    return file
+    return None
 
 
 def located(field: str, name: str) -> Path:

@@ -6,16 +6,17 @@ import importlib
 import importlib.util
 from collections.abc import Callable
 from importlib.metadata import EntryPoint, entry_points
-from pathlib import Path
 from typing import Any
 
+from simcore.controller_code import Code, code_of_entry_point, code_of_factory
 from simcore.errors import ControllerError
 
 GROUP = "needlebench.controllers"
 Factory = Callable[..., Any]  # (scenario, entry_m, needle_length_m, settings) -> controller
-Edition = tuple[str, str, float]  # of a controller: module and name, version of its package, time of its file
+Edition = tuple[str, Code]  # of a controller: module and name, and its code
 
 _registered: dict[str, Factory] = {}
+_loaded: dict[str, Code] = {}  # what runs, whatever has become of its files since
 _first: dict[str, Edition] = {}  # of each entry point, as this process saw it first
 
 
@@ -30,6 +31,7 @@ def register_controller(name: str, factory: Factory) -> None:
     factory: called with (scenario, entry_m (3,) m, needle_length_m, settings), returns a Controller.
     """
     _registered[name] = factory
+    _loaded[name] = code_of_factory(factory)
 
 
 def installed() -> list[str]:
@@ -64,6 +66,14 @@ def note_installed() -> None:
             _first.setdefault(point.name, edition)
 
 
+def code_of(name: str) -> Code:
+    """The code of a controller: as this process has loaded it, else as it is installed now. Raises LookupError for an
+    unknown one."""
+    if name in _loaded:
+        return _loaded[name]
+    return code_of_factory(_registered[name]) if name in _registered else code_of_entry_point(_entry_point(name))
+
+
 def factory_of(name: str) -> Factory:
     """The factory behind a name. Raises PluginError when it cannot be used or imported, LookupError if unknown."""
     if name in _registered:
@@ -71,10 +81,12 @@ def factory_of(name: str) -> Factory:
     point = _entry_point(name)
     if (problem := problem_of(name)) is not None:
         raise PluginError(f"controller {name!r} ({point.value}) {problem}")
+    code = code_of_entry_point(point)  # before its import: what is written later does not run
     try:
         factory: Factory = point.load()
     except Exception as error:
         raise PluginError(f"controller {name!r} ({point.value}) cannot be loaded: {error}") from error
+    _loaded.setdefault(name, code)
     return factory
 
 
@@ -93,7 +105,4 @@ def _edition(point: EntryPoint) -> Edition | None:
         return None
     if spec is None:
         return None
-    version = "" if point.dist is None else point.dist.version
-    file = Path(spec.origin) if spec.origin else None
-    changed = file.stat().st_mtime if file is not None and file.is_file() else 0.0
-    return (point.value, version, changed)
+    return (point.value, code_of_entry_point(point))

@@ -1,4 +1,4 @@
-"""Where a result comes from: commit, versions, machine, threads."""
+"""Where a result comes from: arm, commit, versions, machine, threads."""
 
 from __future__ import annotations
 
@@ -12,6 +12,8 @@ from functools import cache
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import Any
+
+from simcore.arms import arm_of
 
 _ROOT = Path(__file__).resolve().parent
 _PACKAGES = ("needlebench", "numpy", "scipy", "numba", "llvmlite", "pydantic", "rerun-sdk")
@@ -95,10 +97,19 @@ def _blas() -> dict[str, str | None]:
 
 
 def provenance(scenario: dict[str, Any]) -> dict[str, Any]:
-    """Everything that a reader needs to rerun a result: resolved scenario, seed, commit, versions, machine, threads."""
+    """Everything that a reader needs to rerun a result: resolved scenario, seed, the arm that steered, commit,
+    versions, machine, threads."""
     return {
         "scenario": scenario,
         "seed": scenario["seed"],
+        "arm": arm_of(scenario).data(),
+        **machine(),
+    }
+
+
+def machine() -> dict[str, Any]:
+    """Commit, versions, processor and threads of this process, whatever it runs."""
+    return {
         "commit": commit(),
         "versions": dict(_versions()),
         "platform": f"{platform.system()} {platform.machine()}",

@@ -32,7 +32,7 @@ SWAPPED = {  # operator -> what stands in its place
 }  # fmt: skip
 NEAREST = {  # module -> tests that stand beside it
     "simcore/metrics.py": "tests/simcore/test_metrics.py",
-    "simcore/trajectory.py": "tests/simcore/test_trajectory.py",
+    "simcore/trajectory/path.py": "tests/simcore/test_trajectory.py",
     "simcore/robot.py": "tests/simcore/test_robot.py",
     "simcore/controllers/ifem.py": "tests/simcore/controllers",
     "simcore/controllers/remote_centre.py": "tests/simcore/controllers",

@@ -11,7 +11,7 @@ from benchmarks.paper.table import REFERENCES, arm_name
 from benchmarks.svg_plot import Line, Panel
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable
+    from collections.abc import Iterable, Mapping
 
 Json = dict[str, Any]
 WIDE = 30.0  # ratio of the largest to the smallest value from which an axis is logarithmic
@@ -19,15 +19,25 @@ WIDE = 30.0  # ratio of the largest to the smallest value from which an axis is 
 
 def html(report: Json) -> str:
     """The page. report: what `grid_report.document` returns, or its JSON read back."""
+    names = {(field["path"], str(value)): name for field in report["fields"] for value, name in _named(field)}
+    groups = dict.fromkeys(score["group"] for score in report["scores"])
     return render(
         "grid.html.j2",
         report=report,
-        varied=[field for field in report["fields"] if not field["repeats"]],
+        varied=[field for field in report["fields"] if not field["repeats"] and not field["of_arm"]],
+        several_arms=len(report["arms"]) > 1,
         repeats=next((len(field["values"]) for field in report["fields"] if field["repeats"]), 1),
         best=_best(report["points"]),
-        effects=[_effect(effect, f"e{i}-") for i, effect in enumerate(report["effects"])],
+        groups=[(group, [s for s in report["scores"] if s["group"] == group]) for group in groups],
+        profile=pictures(_profile(report["profiles"]), name="p", about="Share of cases.", width=640, height=340),
+        effects=[_effect(effect, f"e{i}-", names) for i, effect in enumerate(report["effects"])],
+        names=names,
         references=REFERENCES,
     )
+
+
+def _named(field: Json) -> list[tuple[Any, str]]:
+    return list(zip(field["values"], field["names"], strict=True))
 
 
 def _best(points: list[Json]) -> Json | None:
@@ -36,10 +46,30 @@ def _best(points: list[Json]) -> Json | None:
     return min(known, key=lambda point: float(point["median_mm"])) if len(points) > 1 and known else None
 
 
-def _effect(effect: Json, name: str) -> Json:
+def _profile(profiles: Json | None) -> list[Panel]:
+    """The share of cases within each error, a line for each arm, its interval as a shadow."""
+    if profiles is None or not profiles["levels_mm"]:
+        return []
+    lines = tuple(
+        Line(
+            arm_name(one["arm"]),
+            profiles["levels_mm"],
+            one["share"],
+            markers=False,
+            spread=(one["share_low"], one["share_high"]),
+        )
+        for one in profiles["aggregates"]
+    )
+    return [Panel("Performance profiles", "RMSE, mm", "share of cases", lines, x_log=True, y_zero=True)]
+
+
+def _effect(effect: Json, name: str, names: Mapping[tuple[str, str], str]) -> Json:
     panels = _lines(effect) if effect["numeric"] else _boxes(effect)
-    groups = [(arm_name(value), [s for s in effect["scores"] if s["group"] == value]) for value in effect["values"]]
-    contrasts = [{**c, "group": arm_name(c["group"])} for c in effect["contrasts"]]
+    path = effect["field"]
+    groups = [(names[path, value], [s for s in effect["scores"] if s["group"] == value]) for value in effect["values"]]
+    contrasts = [
+        {**c, "first": names[path, c["first"]], "second": names[path, c["second"]]} for c in effect["contrasts"]
+    ]
     return {
         **effect,
         "contrasts": contrasts,

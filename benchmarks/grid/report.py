@@ -1,30 +1,33 @@
-"""The report of a parameter grid: every point, what each field does, and the controllers against each other."""
+"""The report of a parameter grid: the arms against each other, every point, and what each field does."""
 
 from __future__ import annotations
 
 import itertools
-import json
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from typing import Any
 
 from benchmarks.cases import Label, Outcome
-from benchmarks.grid.suite import label
+from benchmarks.cautions import cautions
+from benchmarks.grid.design import SEED, between_arms, between_values, case_of
+from benchmarks.grid.names import label, value_names
+from benchmarks.grid.profiles import profiles
 from benchmarks.paper import statistics
-from benchmarks.paper.analysis import score, scores
-from benchmarks.paper.comparison import as_json, compare
+from benchmarks.paper.analysis import at_floor, score, scores
+from benchmarks.paper.comparison import Comparison, as_json, compare, corrected
 from benchmarks.paper.failure_places import notable_cases
 from benchmarks.paper.report import failure, notable_insertions, rules
-from benchmarks.paper.table import Row, arms, beside, only, rows
+from benchmarks.paper.table import Row, arms, beside, by_group, only, rows
 from benchmarks.paper.timing import costs, part_ms
+from simcore.arms import makes_arm
 
-SCHEMA = "needlebench/grid/1"
-REPEATS = "seed"  # a field that repeats a point and makes no other one
-CONTROLLER = "controller.kind"
+SCHEMA = "needlebench/grid/2"
+WHOLE = ("controller", "controller.kind", "controller.name", "controller.settings")  # axes whose effect is the arms'
 ALL_COUPLES = 5  # values up to which each is compared with each; above, with the first
 LISTED_POINTS = 500
 LISTED_FAILURES = 200
+LISTED_CAUTIONS = 50
 Json = dict[str, Any]
 Axes = Mapping[str, Sequence[Label]]
 
@@ -52,10 +55,14 @@ def document(
         "provenance": dict(provenance or {}),
         "rules": rules(),
         "counts": {"insertions": len(table), "failed": len(failed), "points": len(points)},
-        "fields": [{"path": path, "values": values, "repeats": path == REPEATS} for path, values in known.items()],
+        "fields": [_field(path, values) for path, values in axes.items()],
+        "arms": what_ran(table),
         "points": points[:LISTED_POINTS],
-        "scores": scores(table),
+        "scores": scores([_by_case(row) for row in table]),
+        "comparisons": arm_comparisons(table),
+        "profiles": profiles(table),
         "effects": [effect for path in known if (effect := _effect(table, path, known))],
+        "cautions": cautions((row.id, row.warnings) for row in table)[:LISTED_CAUTIONS],
         "failures": [{**failure(row), "link": (links or {}).get(row.id)} for row in failed[:LISTED_FAILURES]],
         "timing": {"costs": costs(table)},
         "chosen": notable_insertions(table, {one: where for one, where in (links or {}).items() if one in telling}),
@@ -64,14 +71,56 @@ def document(
     return result
 
 
+def _field(path: str, values: Sequence[Any]) -> Json:
+    """An axis. names: its values as people read them."""
+    texts = value_names(path, values) if any(isinstance(value, list | dict) for value in values) else map(str, values)
+    return {
+        "path": path,
+        "values": [label(value) for value in values],
+        "names": list(texts),
+        "repeats": path == SEED,
+        "of_arm": makes_arm(path),
+    }
+
+
+def what_ran(table: Sequence[Row]) -> list[Json]:
+    """Each arm by its name, with its settings, code and files as its first result says them."""
+    found = []
+    for arm in arms(table):
+        known = next((row.steered_by for row in only(table, arm=arm) if row.steered_by is not None), None)
+        found.append({"name": arm, **({} if known is None else known.data())})
+    return found
+
+
+def arm_comparisons(table: Sequence[Row]) -> list[Comparison]:
+    """Arms against each other in each group of paths and in all together, adjusted for all tests of their group."""
+    found = []
+    for group, members in by_group(table).items():
+        tests = [compare_arms(members, *names, group=group) for names in _couples(arms(members))]
+        found += corrected([test for test in tests if test is not None])
+    return found
+
+
+def compare_arms(members: Sequence[Row], first: str, second: str, *, group: str) -> Comparison | None:
+    """Two arms of a table by its cases that differ in the arm alone; None without such a pair."""
+    one, other = only(members, arm=first), only(members, arm=second)
+    design = between_arms(one, other)
+    return compare(one, other, group=group, names=(first, second), floor=at_floor(members), design=design)
+
+
+def _by_case(row: Row) -> Row:
+    """The row with its case in place of its end point: intervals are then over cases."""
+    return replace(row, end_point=case_of(row), direction=str(row.labels.get(SEED, "")))
+
+
 def _points(table: Sequence[Row], axes: Axes) -> list[Json]:
-    """The points that have an insertion, in the order of the grid; repeats of a point count as one."""
-    paths = [path for path in axes if path != REPEATS]
+    """The points that have an insertion, arm by arm in the order of the grid; repeats of a point count as one."""
+    paths = [path for path in axes if path != SEED and not makes_arm(path)]
     members: dict[tuple[Label, ...], list[Row]] = {}
     for row in table:
-        members.setdefault(tuple(row.labels.get(path, "") for path in paths), []).append(row)
-    ordered = itertools.product(*(axes[path] for path in paths))
-    return [_point(dict(zip(paths, place, strict=True)), members[place]) for place in ordered if place in members]
+        members.setdefault((row.arm, *(row.labels.get(path, "") for path in paths)), []).append(row)
+    ordered = itertools.product(arms(table), *(axes[path] for path in paths))
+    return [_point(dict(zip(("arm", *paths), at, strict=True)), members[at]) for at in ordered if at in members]
 
 
 def _point(place: Mapping[str, Label], mine: Sequence[Row]) -> Json:
@@ -90,30 +139,34 @@ def _point(place: Mapping[str, Label], mine: Sequence[Row]) -> Json:
 
 
 def _effect(table: Sequence[Row], path: str, axes: Axes) -> Json | None:
-    """What a field does: scores at each of its values, and the values compared at points that are else the same."""
-    moved = [_at_place(row, path, axes) for row in table if path in row.labels]
-    present = [value for value in map(str, axes[path]) if any(row.group == value for row in moved)]
-    if path == REPEATS or len(present) < 2:
+    """What a field does: scores at each of its values, and the values compared at cases that are else the same."""
+    mine = [replace(row, arm=_arm_beside(row, path)) for row in table if path in row.labels]
+    values = {str(value): [row for row in mine if str(row.labels[path]) == str(value)] for value in axes[path]}
+    present = [value for value, members in values.items() if members]
+    if path == SEED or path in WHOLE or len(present) < 2:
         return None
-    scores_by_value = []
+    scored = []
     for value in present:
-        members = only(moved, group=value)
-        open_loop = [] if path == CONTROLLER else only(members, arm="open_loop")
-        scores_by_value += [score(only(members, arm=arm), open_loop, group=value) for arm in arms(members)]
+        members = [_by_case(row) for row in values[value]]
+        open_loop = only(members, arm="open_loop")
+        scored += [score(only(members, arm=arm), open_loop, group=value) for arm in arms(members)]
+    couples = _couples(present)
+    tests = [test for names in couples for test in _contrasts(values[names[0]], values[names[1]], names, path)]
+    tests = tests if any(test.clusters > 1 for test in tests) else []  # a path against a path tests nothing
     return {
         "field": path,
         "values": present,
         "numeric": all(isinstance(value, int | float) for value in axes[path]),
-        "scores": scores_by_value,
-        "contrasts": [c for first, second in _couples(present) for c in _contrasts(moved, first, second, path)],
+        "scores": scored,
+        "contrasts": corrected(tests),
     }
 
 
-def _at_place(row: Row, path: str, axes: Axes) -> Row:
-    """The row in the group of its value, to be paired with that of another value at the same place."""
-    rest = {other: row.labels.get(other) for other in axes if other not in (path, REPEATS)}
-    seed = str(row.labels.get(REPEATS, ""))
-    return replace(row, group=str(row.labels[path]), end_point=json.dumps(rest), direction=seed)
+def _arm_beside(row: Row, path: str) -> str:
+    """The arm without the field that is looked at, so that its values have the same one."""
+    if not makes_arm(path):
+        return row.arm
+    return str(row.labels.get("controller.kind") or (row.steered_by.controller if row.steered_by else row.arm))
 
 
 def _couples(values: Sequence[str]) -> list[tuple[str, str]]:
@@ -122,13 +175,11 @@ def _couples(values: Sequence[str]) -> list[tuple[str, str]]:
     return [(values[0], value) for value in values[1:]]
 
 
-def _contrasts(moved: Sequence[Row], first: str, second: str, path: str) -> list[Json]:
-    """Two values of a field for each controller; two controllers over everything."""
-    members = [[replace(row, group="") for row in only(moved, group=value)] for value in (first, second)]
-    names = [""] if path == CONTROLLER else [arm for arm in arms(members[0]) if arm in arms(members[1])]
-    comparisons = []
-    for arm in names:
-        one, other = (only(rows, arm=arm) if arm else rows for rows in members)
-        if compared := compare(one, other, group=arm, names=(first, second)):
-            comparisons.append(as_json(compared))
-    return comparisons
+def _contrasts(first: Sequence[Row], second: Sequence[Row], names: tuple[str, str], path: str) -> list[Comparison]:
+    """Two values of a field for each arm."""
+    tests = []
+    for arm in arms(first):
+        one, other = only(first, arm=arm), only(second, arm=arm)
+        test = compare(one, other, group=arm, names=names, design=between_values(one, other, path))
+        tests += [] if test is None else [test]
+    return tests

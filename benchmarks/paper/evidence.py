@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections import Counter
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
@@ -110,6 +111,8 @@ def list_failures(evidence: Evidence, word: str) -> str:
 
 
 def change_text(comparison: Comparison) -> str:
-    """Median difference and its interval, mm."""
+    """Median difference and its interval, mm; a single observation has none."""
     low, high = comparison.difference_interval_mm.low, comparison.difference_interval_mm.high
+    if math.isnan(low):
+        return f"{signed_text(comparison.difference_mm)} mm"
     return f"{signed_text(comparison.difference_mm)} mm [{signed_text(low)}, {signed_text(high)}]"

@@ -34,5 +34,7 @@ def effect_text(value: float) -> str:
 
 
 def p_value(value: float) -> str:
-    """Two digits."""
+    """Two digits; nan of what was not tested."""
+    if math.isnan(value):
+        return "unknown (not tested)"
     return f"{value:.2g}" if value >= 1e-3 else f"{value:.0e}"

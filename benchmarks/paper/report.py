@@ -5,10 +5,12 @@ from __future__ import annotations
 
 import json
 import math
+from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from benchmarks.cautions import cautions
 from benchmarks.paper import statistics
 from benchmarks.paper.analysis import (
     CLOSE_MM,
@@ -22,7 +24,7 @@ from benchmarks.paper.analysis import (
 )
 from benchmarks.paper.bands import UNKNOWN, Bands
 from benchmarks.paper.claims import assumptions, claims
-from benchmarks.paper.comparison import as_json
+from benchmarks.paper.comparison import as_json, corrected
 from benchmarks.paper.evidence import Evidence
 from benchmarks.paper.failure_places import face_mm, notable_cases, outcome_word, spots
 from benchmarks.paper.figures import conditions, headline
@@ -42,6 +44,7 @@ if TYPE_CHECKING:
 SCHEMA = "needlebench/paper/1"
 JSON, HTML, CSV, HEADLINE = "report.json", "report.html", "insertions.csv", "headline.svg"
 LISTED_FAILURES = 200
+LISTED_CAUTIONS = 50
 Json = dict[str, Any]
 
 
@@ -62,7 +65,8 @@ def document(
     convergence`; where they are unknown, no claim about precision or failures is decided.
     """
     table = rows(outcomes)
-    contrasts, young, directions = controller_contrasts(table), young_contrasts(table), direction_contrasts(table)
+    families = controller_contrasts(table), young_contrasts(table), direction_contrasts(table)
+    contrasts, young, directions = (_corrected(family) for family in families)
     scored, timed = scores(table), rows(timing)
     seeds = seed_scores(table)
     shares = seed_shares(seeds, table)
@@ -85,6 +89,7 @@ def document(
         "entry_mm": _entry_mm(main_rows(table)),
         "spots": spots(table),
         "failures": [failure(row) for row in failed[:LISTED_FAILURES]],
+        "cautions": cautions((row.id, row.warnings) for row in table)[:LISTED_CAUTIONS],
         "seeds": {"scores": seeds, "shares": shares, "boxes": _seed_boxes(seeds)},
         "training": training_scores([row for row in table if row.group == TRAINING]),
         "learning": learning_steps(learning),
@@ -108,6 +113,12 @@ def rules() -> Json:
         "close_mm": CLOSE_MM,
         "ratio_target": RATIO_TARGET,
     }
+
+
+def _corrected(family: Sequence[Contrast]) -> list[Contrast]:
+    """The contrasts of one table, adjusted together."""
+    adjusted = corrected([contrast.comparison for contrast in family])
+    return [replace(contrast, comparison=one) for contrast, one in zip(family, adjusted, strict=True)]
 
 
 def _flat(contrast: Contrast) -> Json:

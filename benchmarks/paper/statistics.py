@@ -233,10 +233,33 @@ def bootstrap_median(
     low = ordered[(total >= (last + 1) // 2).argmax(axis=1)]
     high = ordered[(total >= last // 2 + 1).argmax(axis=1)]
     medians = np.array([_between(float(a), float(b)) for a, b in zip(low, high, strict=True)])
+    return percentiles(medians, confidence)
+
+
+def bootstrap_superiority(
+    values: Sequence[float] | Vector,
+    clusters: Sequence[Hashable],
+    *,
+    seed: int = SEED,
+    draws: int = DRAWS,
+    confidence: float = CONFIDENCE,
+) -> Interval:
+    """Percentile interval of `superiority` when whole clusters are drawn with replacement; nan, nan of nothing."""
+    signs = np.sign(np.asarray(values, float))
+    if not len(signs):
+        return Interval(math.nan, math.nan)
+    inverse = _canonical(signs, list(clusters), paired=True)
+    size = int(inverse.max()) + 1
+    counts = _drawn(size, seed, draws)
+    won = 0.5 - 0.5 * (counts @ np.bincount(inverse, signs, size)) / (counts @ np.bincount(inverse, minlength=size))
+    return percentiles(won, confidence)
+
+
+def percentiles(draws: Vector, confidence: float = CONFIDENCE) -> Interval:
+    """The percentile interval of what a bootstrap has drawn; infinite values are the largest."""
     tail = 0.5 * (1.0 - confidence)
-    return Interval(
-        float(np.quantile(medians, tail, method="lower")), float(np.quantile(medians, 1.0 - tail, method="higher"))
-    )
+    low, high = np.quantile(draws, tail, method="lower"), np.quantile(draws, 1.0 - tail, method="higher")
+    return Interval(float(low), float(high))
 
 
 def _canonical(data: Vector, names: list[Hashable], *, paired: bool) -> NDArray[np.intp]:

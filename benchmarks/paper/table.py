@@ -4,12 +4,14 @@ from __future__ import annotations
 
 import csv
 import io
+import json
 import math
 import statistics
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
+from simcore.arms import Arm, makes_arm
 from simcore.metrics import MEASURED
 
 if TYPE_CHECKING:
@@ -19,7 +21,7 @@ ALL = "ALL"
 TRAINING = "DATA"  # group of the data set's insertions, in no comparison
 GROUPS = ("LIN", "CUR")
 QUIET_ARM = "elm_quiet"  # the ELM that was trained without target noise
-ARMS = ("ifem", "elm", QUIET_ARM, "frozen", "linear", "neighbours", "mlp", "plugin", "replay", "open_loop", "rigid")
+ARMS = ("ifem", "elm", QUIET_ARM, "frozen", "linear", "neighbours", "mlp", "replay", "open_loop", "rigid")
 ARM_NAMES = {
     "ifem": "I-FEM",
     "elm": "ELM",
@@ -40,6 +42,7 @@ BESIDE = {
     "max_strain": ("Strain", 2),
     "max_needle_stress_mpa": ("Needle stress, MPa", 0),
 }  # what a small tip error may have been paid with, each the largest of its run: heading and decimals in every table
+OF_ARMS = ("arm", "jacobian")  # labels that name the arm, beside the fields of its controller
 SPECIAL = ("model_seed", "parameter")  # labels of the ELM's seeds and of the sensitivity study
 TIMED = ("plant", "jacobian", "command", "recording")
 
@@ -64,6 +67,8 @@ class Row:
     metrics: Mapping[str, Any]
     timing_ms: Mapping[str, float | None]
     digest: str
+    warnings: tuple[str, ...] = ()
+    steered_by: Arm | None = None  # as the result says it; None of a case without one
 
     @property
     def failed(self) -> bool:
@@ -79,6 +84,12 @@ class Row:
     def pair(self) -> tuple[str, str, str]:
         """What two insertions share that are to be compared with each other."""
         return self.group, self.end_point, self.direction
+
+    @property
+    def place(self) -> str:
+        """What two cases share that differ in the arm alone, whatever became of them: every other label."""
+        apart = {name: v for name, v in self.labels.items() if not (name in OF_ARMS or makes_arm(name))}
+        return json.dumps(apart, sort_keys=True)
 
     @property
     def end_mm(self) -> tuple[float, float]:
@@ -106,8 +117,20 @@ Keep = Callable[[Row], bool]
 
 
 def rows(outcomes: Iterable[Outcome]) -> list[Row]:
-    """One row for each outcome, by id. Labels that a campaign left out follow from the scenario."""
-    return sorted((_row(outcome) for outcome in outcomes), key=lambda row: row.id)
+    """One row for each outcome, by id. Labels that a campaign left out follow from the scenario; an arm whose code
+    changed between two insertions is an arm for each edition."""
+    table = sorted((_row(outcome) for outcome in outcomes), key=lambda row: row.id)
+    editions: dict[str, set[str]] = {}
+    for row in table:
+        editions.setdefault(row.arm, set()).add(_edition(row))
+    apart = {arm for arm, found in editions.items() if len(found - {""}) > 1}
+    return [
+        replace(row, arm=f"{row.arm} ({_edition(row)})") if row.arm in apart and _edition(row) else row for row in table
+    ]
+
+
+def _edition(row: Row) -> str:
+    return "" if row.steered_by is None else row.steered_by.edition
 
 
 def _row(outcome: Outcome) -> Row:
@@ -118,8 +141,8 @@ def _row(outcome: Outcome) -> Row:
     return Row(
         id=case.id,
         group=str(labels.get("group", "insertions")),
-        arm=str(labels.get("arm", scenario.get("controller", {}).get("kind", "unknown"))),
-        young=str(labels.get("young", "constant")),
+        arm=str(labels.get("arm") or _controller(scenario.get("controller", {}))),
+        young=str(labels.get("young", "")),
         noise=str(labels.get("noise", "on" if scenario.get("noise_mm") else "off")),
         end_point=str(labels.get("end_point", f"{end[0]:g} {end[1]:g}")),
         direction=str(labels.get("direction", "")),
@@ -132,7 +155,18 @@ def _row(outcome: Outcome) -> Row:
         metrics=measured,
         timing_ms=_timing(result.get("timing") or {}, measured.get("steps_completed")),
         digest=str(result.get("digest", "")),
+        warnings=tuple(str(one) for one in result.get("warnings") or ()),
+        steered_by=_arm(result),
     )
+
+
+def _controller(block: Mapping[str, Any]) -> Any:
+    return block.get("name") or block.get("kind", "unknown")
+
+
+def _arm(result: Mapping[str, Any]) -> Arm | None:
+    data = (result.get("provenance") or {}).get("arm")
+    return None if data is None else Arm.of_data(data)
 
 
 def _lateral(scenario: Mapping[str, Any], name: str) -> tuple[float, float]:
@@ -211,24 +245,33 @@ def insertions_csv(table: Sequence[Row]) -> str:
     text = io.StringIO()
     writer = csv.writer(text, lineterminator="\n")
     ends = ("status", "message", "stable", "success")
+    steered = ("arm_id", "arm_version", "arm_code_sha256")
     counts = ("steps_completed", "steps")
     timed = [*(f"{name}_median_ms" for name in TIMED), "mean_step_ms"]
     places = ("entry_x_mm", "entry_y_mm", "end_x_mm", "end_y_mm")
-    writer.writerow(["id", *labels, "young_kpa", *places, *ends, *counts, *MEASURED, *timed, "digest"])
+    writer.writerow(
+        ["id", *labels, "young_kpa", *places, *ends, *counts, *MEASURED, *timed, "digest", *steered, "warnings"]
+    )
     for row in table:
         writer.writerow(
             [
                 row.id,
-                *(row.labels.get(name, "") for name in labels),
+                *(row.arm if name == "arm" else row.labels.get(name, "") for name in labels),
                 _cell(row.scenario.get("tissue", {}).get("young_kpa")),
                 *(_cell(value) for value in (*row.entry_mm, *row.end_mm)),
                 *(row.status, row.message, _yes_no(row.stable), _yes_no(row.success)),
                 *(_cell(row.metrics.get(name)) for name in (*counts, *MEASURED)),
                 *(_cell(row.timing_ms[name]) for name in (*TIMED, "mean_step")),
                 row.digest,
+                *_steered(row.steered_by),
+                "; ".join(row.warnings),
             ]
         )
     return text.getvalue()
+
+
+def _steered(arm: Arm | None) -> tuple[str, str, str]:
+    return ("", "", "") if arm is None else (arm.id, arm.version or "", arm.code_sha256 or "")
 
 
 def _cell(value: Any) -> Any:

@@ -14,8 +14,8 @@ from benchmarks.builtin_scenarios import benchmark_scenario
 from benchmarks.measurements import Part, Table
 from simcore.controllers import ifem, plant_model
 from simcore.insertion import compliance, insertion, iteration
-from simcore.rollout import series
-from simcore.rollout.rollout import _Loop, run
+from simcore.rollout import recorder, series
+from simcore.rollout.rollout import run
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
@@ -49,7 +49,7 @@ METHODS: tuple[tuple[Any, str, str, bool], ...] = (  # owner, name, stage, wheth
     (insertion.Insertion, "_settle", "channel: cut, create, drop", True),
     (ifem.InverseFemController, "command", "command", False),
     (plant_model, "linearise", "Jacobian", True),
-    (_Loop, "_record", "record of the step", True),
+    (recorder.Recorder, "record", "record of the step", True),
     (series.SeriesBuilder, "add", "series", True),
 )
 

@@ -40,7 +40,7 @@ class CampaignRequest(BaseModel):
                 {
                     "name": "gain and stiffness",
                     "scenario": "line",
-                    "grid": {"controller.gain": [0.5, 1.0], "tissue.young_kpa": [3.0, 6.3], "seed": [0, 1]},
+                    "grid": {"controller.gain": [0.5, 1.0], "tissue.young_kpa": [3.0, 6.3]},
                 },
             ]
         },
@@ -57,7 +57,7 @@ class CampaignRequest(BaseModel):
         None, description="Scenario under the grid, or the name of a built-in one; default: all defaults."
     )
     grid: dict[str, list[Any]] | None = Field(
-        None, description="Dotted path of a scenario field -> its values; every combination is a job."
+        None, description="Dotted path of a scenario field or block -> its values; every combination is a job."
     )
     priority: Annotated[int, Field(strict=True, ge=-100, le=100)] = Field(
         LOW_PRIORITY, description="Of each job; higher runs first. Single jobs have 0 by default."

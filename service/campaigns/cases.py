@@ -57,6 +57,7 @@ class CaseResult:
     beside: dict[str, float | None]
     step_ms: float | None
     digest: str | None
+    warnings: list[str]
 
     @classmethod
     def of(cls, case: CampaignCase) -> CaseResult:
@@ -79,6 +80,7 @@ class CaseResult:
             beside={metric: metrics.get(metric) for metric in BESIDE},
             step_ms=((result.get("timing") or {}).get("plant") or {}).get("median_ms"),
             digest=result.get("digest"),
+            warnings=[str(one) for one in result.get("warnings") or ()],
         )
 
     def value(self, name: str) -> Any:
@@ -118,11 +120,11 @@ def _ranks(value: Any) -> bool:
 
 @dataclass(frozen=True, kw_only=True)
 class Score:
-    """The insertions of one controller in one group. Errors in mm; None where the figure is that of a failure. beside:
+    """The insertions of one arm in one group. Errors in mm; None where the figure is that of a failure. beside:
     medians of `BESIDE` over the stable ones. yielded: how many needles would have stayed bent."""
 
     group: str
-    controller: str
+    arm: str
     insertions: int
     stable: int
     successful: int
@@ -133,7 +135,7 @@ class Score:
 
 
 def scores(table: Sequence[Row]) -> list[Score]:
-    """One for each group and controller of the main rows."""
+    """One for each group and arm of the main rows."""
     return [
         _score(group, arm, only(members, arm=arm))
         for group, members in by_group(main_rows(table)).items()
@@ -141,11 +143,11 @@ def scores(table: Sequence[Row]) -> list[Score]:
     ]
 
 
-def _score(group: str, controller: str, rows: Sequence[Row]) -> Score:
+def _score(group: str, arm: str, rows: Sequence[Row]) -> Score:
     errors = sorted(row.rmse_commanded_mm for row in rows)
     return Score(
         group=group,
-        controller=controller,
+        arm=arm,
         insertions=len(rows),
         stable=sum(row.stable for row in rows),
         successful=sum(row.success for row in rows),

@@ -17,6 +17,7 @@ if TYPE_CHECKING:
     from benchmarks.cases import Outcome
     from service.store.campaign import Campaign
     from service.store.campaigns import CampaignStore
+    from simcore.arms import Arm
 
 MOST_POINTS = 200
 _PARTS = ("plant", "jacobian", "command")  # of a step; recording is left out, a campaign can do without
@@ -70,8 +71,13 @@ def point(campaign: Campaign, results: Sequence[Outcome]) -> Point:
         digests={row.id: row.digest for row in table},
         successes=len([row for row in table if row.success]),
         step_ms=statistics.median(steps) if steps else None,
+        arms={row.arm: _ran(row.steered_by) for row in table if row.steered_by is not None},
         beside={metric: value if math.isfinite(value) else None for metric, value in beside(table).items()},
     )
+
+
+def _ran(arm: Arm) -> str:
+    return f"{arm.id[:8]} ({arm.edition})" if arm.edition else arm.id[:8]
 
 
 def point_json(one: Point) -> dict[str, Any]:

@@ -85,31 +85,88 @@ def where(now: CampaignStatus) -> str:
 
 
 def print_scores(results: dict[str, Any]) -> None:
-    """A line for each group and controller."""
-    head = f"{'group':<12}{'controller':<20}{'n':>6}{'stable':>9}{'success':>9}{'median RMSE':>14}{'maximum':>12}"
+    """A line for each group and arm; of a grid the arms against each other, and what the insertions warn of."""
+    of_grid = "comparisons" in results
+    wide = max([20, *(len(score["arm"]) + 2 for score in results["scores"])])
+    head = f"{'group':<12}{'arm':<{wide}}{'n':>6}{'stable':>9}{'success':>9}{'median RMSE':>14}{'maximum':>12}"
     click.echo(f"{head}{BESIDE_HEAD}")
     for score in results["scores"]:
-        marks = f"{score['young']} E, noise {score['noise']}"
+        marks = f"noise {score['noise']}" if of_grid else f"{score['young']} E, noise {score['noise']}"
         shares = f"{100 * score['stable']:>7.0f} %{100 * score['success']:>7.0f} %"
         errors = f"{millimetres(score['median_mm']):>14}{millimetres(score['max_mm']):>12}"
         paid = beside_text(score["beside"])
-        click.echo(f"{score['group']:<12}{score['arm']:<20}{score['insertions']:>6}{shares}{errors}{paid}  {marks}")
+        name = f"{score['group']:<12}{score['arm']:<{wide}}"
+        click.echo(f"{name}{score['insertions']:>6}{shares}{errors}{paid}  {marks}")
+    if of_grid:
+        print_profiles(results["profiles"])
+        widest = results["comparisons"][-1]["group"] if results["comparisons"] else ""
+        print_comparisons([one for one in results["comparisons"] if one["group"] == widest])
+    print_failures(results["failures"])
+    print_cautions(results["cautions"], results["counts"]["insertions"])
+
+
+def print_profiles(profiles: dict[str, Any] | None) -> None:
+    """The interquartile mean of each arm over the cases that all of them ran."""
+    if profiles is None:
+        return
+    click.echo(
+        f"\ninterquartile mean of the RMSE, with 95 % intervals, over the {profiles['cases']} cases that all arms ran"
+    )
+    for one in sorted(profiles["aggregates"], key=lambda one: (one["iqm_mm"] is None, one["iqm_mm"])):
+        low, high = one["iqm_interval_mm"]
+        interval = "" if low is None or high is None else f" [{low:.4f}, {high:.4f}]"
+        click.echo(f"  {one['arm']:<28}{millimetres(one['iqm_mm'])}{interval}")
 
 
 def print_comparisons(comparisons: list[dict[str, Any]]) -> None:
-    """A line for each test, and one for each side: what its error may have been paid with."""
+    """A block for each test: what was tested over how many of which unit, why there are not more, and what the error of
+    each side may have been paid with."""
     if not comparisons:
-        click.echo("they have no paths in common")
+        click.echo("there are no cases in common that differ in nothing else")
         return
-    click.echo(f"{'':<22}{BESIDE_HEAD}")
+    tests = ", ".join(dict.fromkeys(str(one["family"]) for one in comparisons))
+    click.echo(f"\nmedian difference of the RMSE, first - second, with 95 % intervals; p by Holm over {tests} tests")
+    click.echo(f"{'':<30}{BESIDE_HEAD}")
     for one in comparisons:
         low, high = one["difference_interval_mm"]
         interval = "" if low is None or high is None else f" [{low:+.4f}, {high:+.4f}]"
         difference = "failed" if one["difference_mm"] is None else f"{one['difference_mm']:+.4f} mm"
-        names = f"{one['group']:<12}{one['first']} - {one['second']}"
-        click.echo(f"{names:<42}{difference}{interval}  p = {one['p_primary']:.2g}  {one['pairs']} pairs")
+        click.echo(f"{one['group']:<12}{one['first']} - {one['second']}: {difference}{interval}; {test_text(one)}")
         for side in ("first", "second"):
-            click.echo(f"  {one[side]:<20}{beside_text(one[f'beside_{side}'])}")
+            click.echo(f"  {one[side]:<28}{beside_text(one[f'beside_{side}'])}")
+    for note in dict.fromkeys(note for one in comparisons for note in one["notes"]):
+        click.echo(f"  note: {note}")
+
+
+def test_text(one: Mapping[str, Any]) -> str:
+    """The test, its p and what it counts, as in "sign test over 20 end points of 60 pairs: p = 0.0012"."""
+    units = f"{one['clusters']} {one['unit']}{'' if one['clusters'] == 1 else 's'}"
+    of = "" if one["pairs"] == one["clusters"] else f" of {one['pairs']} pairs"
+    p = one["p_primary"] if one["p_holm"] is None else one["p_holm"]
+    if p is None:
+        return f"{units}{of}: no test"
+    few = f" (to reach 0.05, {one['fewest']} are needed)" if one["clusters"] < one["fewest"] else ""
+    return f"sign test over {units}{of}: p = {p:.2g}{few}"
+
+
+def print_failures(failures: list[dict[str, Any]]) -> None:
+    """How many insertions of each arm failed, by their status, with the message of one, on stderr."""
+    kinds: dict[tuple[str, str], list[dict[str, Any]]] = {}
+    for one in failures:
+        kinds.setdefault((one["arm"], one["status"]), []).append(one)
+    for (arm, status), members in kinds.items():
+        first = members[0]
+        click.echo(
+            f"needlebench: {len(members)} of {arm} failed, {status}: {first['id']}: {first['message']}", err=True
+        )
+
+
+def print_cautions(cautions: list[dict[str, Any]], insertions: int) -> None:
+    """What the insertions warn of, each once, on stderr."""
+    for one in cautions:
+        more = "; ..." if one["cases"] > len(one["first"]) else ""
+        where = f"{one['cases']} of {insertions} insertions ({'; '.join(one['first'])}{more})"
+        click.echo(f"needlebench: warning: {where}: {one['text']}", err=True)
 
 
 def trend_line(point: Mapping[str, Any]) -> str:

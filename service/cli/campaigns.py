@@ -36,7 +36,15 @@ grid_option = click.option(
     "axes",
     metavar="FIELD=V1,V2,...",
     multiple=True,
-    help="Values of a scenario field, instead of a suite; every combination is run. Values are JSON or words.",
+    help="Values of a scenario field or block, instead of a suite; every combination is run. Values are JSON or words, "
+    "or those of a JSON list in a file: FIELD=@FILE.",
+)
+controller_option = click.option(
+    "--controller",
+    "controllers",
+    metavar="NAME[:FIELD=V,...]",
+    multiple=True,
+    help="A controller to compare: a kind with its fields, or an installed plug-in with its settings. Repeatable.",
 )
 scenario_option = click.option(
     "--scenario", "source", metavar="SCENARIO", help="Scenario under the grid; default: all defaults."
@@ -54,7 +62,7 @@ def campaign() -> None:
     The named suites:         needlebench campaign suites
     What one would cost:      needlebench campaign run lin100-v2-quick --dry-run
     Run it, with a report:    needlebench campaign run lin100-v2-quick --report report.html
-    A grid of your own:       needlebench campaign run --scenario line --grid controller.gain=0.5,1 --grid seed=0,1,2
+    A grid of your own:       needlebench campaign run --scenario line --grid controller.gain=0.5,1 --grid dt_s=0.01,0.1
     In a nightly job:         needlebench campaign run lin100-v2-quick --fail-on-regression
     """
 
@@ -80,6 +88,7 @@ def suites(url: str | None) -> None:
 
 @campaign.command()
 @click.argument("suite", required=False)
+@controller_option
 @grid_option
 @scenario_option
 @model_option
@@ -96,7 +105,7 @@ def suites(url: str | None) -> None:
 def run(
     ctx: click.Context, /, suite: str | None, url: str | None, data: Path | None, detach: bool, **options: Any
 ) -> None:
-    """Run a named suite or a grid, and print its scores.
+    """Run a named suite, or controllers over a grid, and print scores, comparisons and warnings.
 
     Uses the service at --url, or the one on the data folder, or starts one that ends with the command; either way all
     is kept in the data folder, and after Ctrl-C or a crash the next service resumes it. Regressions are judged against
@@ -105,6 +114,7 @@ def run(
     \b
     A suite, with a report:   needlebench campaign run lin100-v2-quick --report report.html
     What it would cost:       needlebench campaign run lin100-v2 --dry-run
+    Controllers on paths:     needlebench campaign run --controller ifem --controller elm --grid trajectory=@paths.json
     A grid, with a trend:     needlebench campaign run --scenario line --grid tissue.young_kpa=3,6.3 --name stiffness
     By cron or in CI:         needlebench campaign run lin100-v2-quick --fail-on-regression --csv table.csv
 
@@ -220,18 +230,19 @@ def cancel(campaign_id: str, url: str | None) -> None:
 
 @campaign.command()
 @click.argument("campaigns", metavar="CAMPAIGN [CAMPAIGN]", nargs=-1, required=True)
-@click.option("--controllers", metavar="A B", nargs=2, help="Two controllers of one campaign.")
+@click.option("--arms", metavar="A B", nargs=2, help="Two arms of one campaign; default: all of its arms.")
 @click.option("--json", "as_json", is_flag=True, help="All tests as JSON.")
 @url_option
-def compare(campaigns: tuple[str, ...], controllers: tuple[str, str] | None, as_json: bool, url: str | None) -> None:
-    """Compare two campaigns, or two controllers of one, by paired tests.
+def compare(campaigns: tuple[str, ...], arms: tuple[str, str] | None, as_json: bool, url: str | None) -> None:
+    """Compare two campaigns, or the arms of one, by paired tests over the cases that differ in nothing else.
 
     \b
     Before and after:         needlebench campaign compare OLD NEW
-    Two controllers:          needlebench campaign compare CAMPAIGN --controllers ifem elm
+    All arms of one:          needlebench campaign compare CAMPAIGN
+    Two arms of one:          needlebench campaign compare CAMPAIGN --arms ifem elm
     """
     with service_client(url) as client:
-        comparison = client.compare(campaigns, controllers)
+        comparison = client.compare(campaigns, arms)
     if as_json:
         click.echo(json.dumps(comparison, indent=2))
         return

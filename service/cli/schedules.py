@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from service.cli.campaign_request import campaign_request
-from service.cli.campaigns import grid_option, model_option, scenario_option
+from service.cli.campaigns import controller_option, grid_option, model_option, scenario_option
 from service.cli.connection import service_client, url_option
 from simcore.errors import Problem, ScenarioError
 
@@ -34,6 +34,7 @@ def schedule() -> None:
 @click.argument("name")
 @click.argument("cron")
 @click.argument("suite", required=False)
+@controller_option
 @grid_option
 @scenario_option
 @model_option

@@ -32,7 +32,8 @@ def verify(ctx: click.Context, source: str, url: str | None, data: Path | None, 
 
     The verdict is `identical` (every bit of every state: the same digest), `equal` (the tip's path within 1e-6 mm,
     as on another processor) or `different`, with the first step and array that differ. Changes since then, such as
-    the commit or a library, are listed. To say more than identical or not, series.npz must be beside the file.
+    the commit or a library, are listed. A result of a plug-in is refused where its code or the files that its settings
+    name are not those that ran. To say more than identical or not, series.npz must be beside the file.
 
     \b
     A file:                   needlebench verify results/first/result.json
@@ -41,7 +42,7 @@ def verify(ctx: click.Context, source: str, url: str | None, data: Path | None, 
     In a script:              needlebench verify result.json --json | jq .verdict
 
     \b
-    Exit code: 0 identical or equal, 1 different, 2 not a result
+    Exit code: 0 identical or equal, 1 different, 2 not a result, or not the code that ran
     """
     from service.local.verify import CannotVerifyError
     from simcore.errors import Problem, ScenarioError
@@ -73,7 +74,7 @@ def _of_file(path: Path, data: Path | None, observer: Observer | None) -> Verdic
     if not isinstance(result, dict):
         raise CannotVerifyError("is not a result: it is not a JSON object")
     uploads = uploads_beside(path) if data is None else data / "uploads"
-    return verify(result, load_series(path.with_name(SERIES)), observer, uploads=uploads)
+    return verify(result, load_series(path.with_name(SERIES)), observer, uploads=uploads, beside=path.absolute().parent)
 
 
 def _of_job(job_id: str, url: str | None, data: Path | None, observer: Observer | None) -> Verdict:

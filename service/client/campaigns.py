@@ -59,7 +59,7 @@ class CampaignCalls(Connection):
         return dict(self._json("POST", "/api/v1/campaigns", params={"dry_run": 1}, json=dict(request)))
 
     def start_campaign(self, request: Mapping[str, Any]) -> CampaignStatus:
-        """Run a suite, `{"suite": NAME}`, or a grid, `{"scenario": ..., "grid": {"seed": [0, 1]}}`."""
+        """Run a suite, `{"suite": NAME}`, or a grid, `{"scenario": ..., "grid": {"dt_s": [0.01, 0.02]}}`."""
         return CampaignStatus.of(self._json("POST", "/api/v1/campaigns", json=dict(request)))
 
     def campaign(self, campaign_id: str) -> CampaignStatus:
@@ -109,9 +109,9 @@ class CampaignCalls(Connection):
         """Download the report page. Returns `path`."""
         return self._download(f"/api/v1/campaigns/{part(campaign_id)}/report", path)
 
-    def compare(self, campaigns: Sequence[str], controllers: Sequence[str] | None = None) -> dict[str, Any]:
-        """Paired tests between two campaigns, or between two controllers of one."""
-        body = {"campaigns": list(campaigns), "controllers": None if controllers is None else list(controllers)}
+    def compare(self, campaigns: Sequence[str], arms: Sequence[str] | None = None) -> dict[str, Any]:
+        """Paired tests between two campaigns, or between two arms of one (None: all of its arms)."""
+        body = {"campaigns": list(campaigns), "arms": None if arms is None else list(arms)}
         return dict(self._json("POST", "/api/v1/comparisons", json=body))
 
     def trend(self, suite: str) -> list[dict[str, Any]]:

@@ -18,7 +18,7 @@ from service.local.paper_run import PaperRun, check_needs, identity, measured_co
 from service.worker.crew import Crew
 from service.worker.network_trainer import train_network
 from simcore import learning
-from simcore.provenance import provenance
+from simcore.provenance import machine
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
@@ -87,9 +87,7 @@ def trainer(plan: StagedPlan) -> Callable[[str, int, Dataset], str]:
 
 def origin_of(plan: StagedPlan, outcomes: Sequence[Outcome], *, wall_s: float, workers: int) -> dict[str, Any]:
     """Where the numbers of a report come from: machine and versions, plan, cases, commits, cost."""
-    origin = provenance(outcomes[0].case.scenario)
-    del origin["scenario"], origin["seed"]
-    return origin | {
+    return machine() | {
         "scale": plan.scale.model_dump(mode="json"),
         "plan_sha256": plan.sha256,
         "cases_sha256": Suite(name="all", title="", cases=tuple(outcome.case for outcome in outcomes)).sha256,

@@ -13,8 +13,9 @@ from numpy.typing import NDArray
 
 from service.files.strict_json import without_nan
 from service.files.upload_names import SCHEME, UPLOAD_ID
+from simcore.arms import PLUGIN, REMOTE, Arm, arm_of
 from simcore.errors import ARCHIVE_ERRORS, NeedlebenchError
-from simcore.file_names import NoSuchFileError, names_mean
+from simcore.file_names import NoSuchFileError, content_in, names_mean
 from simcore.provenance import provenance
 
 if TYPE_CHECKING:
@@ -26,7 +27,7 @@ Arrays = Mapping[str, NDArray[Any]]
 
 
 class CannotVerifyError(NeedlebenchError):
-    """A result that does not say how it came about."""
+    """A result that does not say how it came about, or whose controller is not here any more as it ran."""
 
 
 ROUNDING = ("llvm_cpu", "llvm_features", "blas_core", "blas_version")  # what decides how sums and products round
@@ -98,20 +99,47 @@ def verify(
     observer: Observer | None = None,
     *,
     uploads: Path | None = None,
+    beside: Path | None = None,
 ) -> Verdict:
     """Run `result["provenance"]["scenario"]` again and compare.
 
     series: the arrays beside the result; without them the verdict is "identical" or "different". uploads: folder of
-    those that the scenario names by their ids.
-    Raises CannotVerifyError for what is no result, ScenarioError for a scenario that this version refuses.
+    those that the scenario names by their ids. beside: folder of the result; a model that is not where it was is looked
+    for there and among the uploads by its content.
+    Raises CannotVerifyError for what is no result and for a controller whose code or files are not those that ran,
+    ScenarioError for a scenario that this version refuses.
     """
     from simcore.rollout.rollout import run
     from simcore.scenario.scenario import Scenario
 
     origin = origin_of(result)
     scenario = {**origin["scenario"], "recording": {"enabled": False}}  # which the digest leaves out
-    with names_mean(Files(uploads)):
-        return compare(result, series, run(Scenario.load(scenario), observer))
+    folders = [folder for folder in (beside, uploads) if folder is not None]
+    with names_mean(Files(uploads)), content_in(*folders):
+        loaded = Scenario.load(scenario)
+        check_arm(origin, arm_of(loaded.resolved()))
+        return compare(result, series, run(loaded, observer))
+
+
+def check_arm(origin: Mapping[str, Any], now: Arm) -> None:
+    """Raises CannotVerifyError where the controller that would run is not the one that ran."""
+    if now.kind == REMOTE:
+        message = "steered from another process, whose code is not known here: run the scenario again beside it"
+        raise CannotVerifyError(f"controller {now.controller!r} {message}")
+    if "arm" not in origin or now.kind != PLUGIN:
+        return
+    then = Arm.of_data(origin["arm"])
+    if then.code_sha256 is None:
+        message = "has left no digest of its code (it was defined in no file), so nobody can say what ran"
+        raise CannotVerifyError(f"controller {then.controller!r} {message}")
+    if (then.version, then.code_sha256) != (now.version, now.code_sha256):
+        message = f"is not the code that ran: then {then.edition}, now {now.edition or 'in no file'}"
+        raise CannotVerifyError(f"controller {then.controller!r} {message}; install that one to verify the result")
+    for name, sha256 in then.files.items():
+        if now.files.get(name) != sha256:
+            found = "there is none" if name not in now.files else f"now {now.files[name][:8]}"
+            message = f"controller.settings.{name} names a file that is not the one that was read"
+            raise CannotVerifyError(f"{message}: SHA-256 then {sha256[:8]}, {found}")
 
 
 def origin_of(result: Mapping[str, Any]) -> Mapping[str, Any]:

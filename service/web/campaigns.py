@@ -6,13 +6,14 @@ from typing import Annotated, Any
 
 from fastapi import APIRouter, Query, Request, Response
 
+from benchmarks.cautions import cautions
 from benchmarks.paper.suites import suite_names
 from benchmarks.paper.table import BESIDE, arms, main_rows, rows
 from service.api.context import Service, ServiceOf
 from service.api.parameters import CampaignId, Cursor
 from service.api.schemas.campaigns import CampaignState, CampaignView, ComparisonView
-from service.campaigns.cases import FIELDS, CaseResult, Column, scores, sorted_cases
-from service.campaigns.comparison import compare_campaigns, compare_controllers, controllers_of
+from service.campaigns.cases import FIELDS, Column, scores, sorted_cases
+from service.campaigns.comparison import arms_of, compare_campaigns, compare_within
 from service.campaigns.overview import campaign_page, overview
 from service.campaigns.results import outcomes
 from service.store.campaign import UnknownCampaignError
@@ -63,7 +64,7 @@ def get_campaign(
     down: bool = False,
     first: Annotated[int, Query(ge=0, le=10**6)] = 0,
 ) -> Response:
-    """One campaign: progress, scores by controller, its cases sorted by a column."""
+    """One campaign: progress, scores by arm, warnings, its cases sorted by a column."""
     try:
         campaign = service.campaigns.get(campaign_id)
     except UnknownCampaignError:
@@ -77,20 +78,15 @@ def get_campaign(
         campaign=CampaignView.of(overview(service.campaigns, campaign, now=service.store.now)),
         scores=scores(table),
         columns_beside=[(name, BESIDE[field]) for name, field in FIELDS.items() if field in BESIDE],
-        cases=[(row, _grid_values(row, campaign.request)) for row in shown],
+        cases=shown,
         first=first,
         size=CASES,
         sort=sort,
         down=down,
         arms=arms(main_rows(table)),
         ended=len(table),
+        cautions=cautions((row.id, row.warnings) for row in table),
     )
-
-
-def _grid_values(row: CaseResult, request: dict[str, Any]) -> str:
-    """The values that set a case of a grid apart; the name of a suite's case says it."""
-    axes = request.get("grid") or {}
-    return ", ".join(f"{name} {row.labels[name]}" for name in axes if name in row.labels)
 
 
 @router.get("/compare")
@@ -99,21 +95,23 @@ def get_compare(
     service: ServiceOf,
     a: Annotated[str, Query(max_length=32)] = "",
     b: Annotated[str, Query(max_length=32)] = "",
-    first: Annotated[str, Query(max_length=100)] = "",
-    second: Annotated[str, Query(max_length=100)] = "",
+    first: Annotated[str, Query(max_length=200)] = "",
+    second: Annotated[str, Query(max_length=200)] = "",
+    every: bool = False,
 ) -> Response:
-    """Two campaigns, or two controllers of one, with paired tests."""
-    body: dict[str, Any] = {"campaigns": [a], "controllers": [first, second]}
-    if not (first and second):
-        body = {"campaigns": [a, b]}
-    complete = bool(a and (b or (first and second)))
+    """Two campaigns, or the arms of one, with paired tests."""
+    body: dict[str, Any] = {"campaigns": [a, b] if b else [a]}
+    if first and second:
+        body = {"campaigns": [a], "arms": [first, second]}
+    known = arms_of(service.campaigns, a) if a else []
+    complete = bool(a and (b or (first and second) or (every and len(known) > 1)))
     comparison, problem = _comparison(service, body) if complete else (None, "")
     return page(
         request,
         "compare.html",
         status=422 if problem else 200,
         campaigns=service.campaigns.newest(limit=200),
-        arms=controllers_of(service.campaigns, a) if a else [],
+        arms=known,
         chosen={"a": a, "b": b, "first": first, "second": second},
         body=body,
         comparison=comparison,
@@ -125,8 +123,8 @@ def _comparison(service: Service, body: dict[str, Any]) -> tuple[dict[str, Any] 
     """The comparison as JSON data, or why there is none."""
     names, store = body["campaigns"], service.campaigns
     try:
-        if "controllers" in body:
-            compared = compare_controllers(store, names[0], *body["controllers"])
+        if len(names) == 1:
+            compared = compare_within(store, names[0], body.get("arms", ()))
         else:
             compared = compare_campaigns(store, *names)
     except (ScenarioError, UnknownCampaignError) as error:

@@ -6,7 +6,6 @@ from datetime import UTC, datetime
 from typing import Any
 from zoneinfo import ZoneInfo
 
-FEWEST = 6  # end points: with fewer no sign test can reach p < 0.05
 ABSENT = "–"
 STATES = {
     "queued": "waiting",
@@ -64,25 +63,43 @@ def local_time(moment: datetime, zone: str) -> str:
 
 
 def sentence(one: dict[str, Any]) -> str:
-    """A comparison (as `benchmarks.paper.comparison.as_json` writes it) in words."""
+    """A comparison (as `benchmarks.paper.comparison.as_json` writes it) in words: what was tested, over how many of
+    which unit, and why there are not more."""
+    why = "".join(f" Note: {note}." for note in one["notes"])
+    return f"{_finding(one)}{why}"
+
+
+def _finding(one: dict[str, Any]) -> str:
     first, second, difference = one["first"], one["second"], one["difference_mm"]
-    basis = f"{_count(one['clusters'], 'end point')}, {_count(one['pairs'], 'pair')}"
+    basis = _count(one["clusters"], one["unit"])
+    if one["pairs"] != one["clusters"]:
+        basis += f" of {_count(one['pairs'], 'pair')}"
     if difference is None:
-        return f"{first} and {second}: no difference, as one of them failed on the median path; {basis}."
+        return f"{first} and {second}: no difference, as one of them failed in the median; {basis}."
+    p = one["p_primary"] if one["p_holm"] is None else one["p_holm"]
+    if p is None:
+        better, worse = (first, second) if difference <= 0.0 else (second, first)
+        return f"{better} has an RMSE {abs(difference):.4f} mm below that of {worse}; {basis}: nothing is tested."
     low, high = one["difference_interval_mm"]
     interval = f"95 % interval {_bound(low)} to {_bound(high)} mm"
-    proof = f"{_probability(one['p_primary'])}, {basis}"
+    proof = f"sign test over {basis}: {_probability(p)}, adjusted by Holm"
     if difference == 0.0:
         return f"{first} and {second} have the same RMSE in the median ({proof})."
     better, worse = (first, second) if difference < 0.0 else (second, first)
-    lead = f"{better} has a smaller RMSE than {worse}, by {abs(difference):.4f} mm in the median ({interval}, {proof})"
-    if one["p_primary"] is not None and one["p_primary"] < 0.05:
+    lead = f"{better} has a smaller RMSE than {worse}, by {abs(difference):.4f} mm in the median ({interval}; {proof})"
+    if p < 0.05:
         return f"{lead}: this is unlikely to be chance."
     if one["equivalent"]:
         return f"{lead}: the two are shown to be equivalent."
-    if one["clusters"] < FEWEST:
-        return f"{lead}: there are too few end points to tell this from chance."
+    if one["clusters"] < one["fewest"]:
+        return f"{lead}: {_count(one['clusters'], one['unit'])} are too few to tell this from chance."
     return f"{lead}: this is within what chance would give."
+
+
+def interval(ends: list[float | None], digits: int) -> str:
+    """An interval behind its value; nothing where there is none."""
+    low, high = ends
+    return "" if low is None and high is None else f" [{number(low, digits)}, {number(high, digits)}]"
 
 
 def _bound(value: float | None) -> str:

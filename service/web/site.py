@@ -49,6 +49,7 @@ def environment() -> Environment:
         shown=shown,
         size=size_text,
         sentence=formatting.sentence,
+        interval=formatting.interval,
     )
     templates.globals.update(asset=assets.url, version=installed_version(), ABSENT=formatting.ABSENT, BESIDE=BESIDE)
     return templates

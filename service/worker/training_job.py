@@ -84,11 +84,10 @@ def new_regressor(kind: str, settings: dict[str, Any]) -> Regressor:
 def _result(model: Path, text: bytes, fit_s: float) -> dict[str, Any]:
     """In the shape of an insertion's result. Raises NotLearnedError for a model too long to be read."""
     from service.files.model_content import model_content
-    from simcore.provenance import provenance
+    from simcore.provenance import machine
 
     content = model_content(model)
     origin = content["provenance"]
-    machine = {name: value for name, value in provenance({"seed": None}).items() if name not in ("scenario", "seed")}
     sha256 = hashlib.sha256(text).hexdigest()
     model_id = f"{sha256}.json"
     metrics = {name: origin[name] for name in ("train_rmse_mm", "test_rmse_mm", "train_rows", "test_rows")}
@@ -101,7 +100,7 @@ def _result(model: Path, text: bytes, fit_s: float) -> dict[str, Any]:
         "model": {"id": model_id, "bytes": len(text), **content},
         "digest": sha256,
         "warnings": [],
-        "provenance": machine,
+        "provenance": machine(),
     }
 
 

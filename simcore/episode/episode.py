@@ -71,7 +71,7 @@ class Episode:
             self.state = self.insertion.initial_state(self.scenario.path().first_tangent())
         self.limits = robot_limits(self.scenario.robot)
         self.targets = Targets(self.scenario, self.insertion)
-        self.view = View(Camera.of(self.scenario), self.state)
+        self.view = View(Camera.of(self.scenario, self.insertion.model), self.state)
         self.commands = DelayedCommands(self.state.base, self.scenario.delay_steps)
         self.before, self.step_number = self.state, 0
         self.status, self.message = self.state.report.status, self.state.report.message
@@ -102,6 +102,9 @@ class Episode:
             base_wrench=self.state.base_wrench.copy(),
             entry_m=self.insertion.entry_m.copy(),
             targets_m=coming,
+            tip_direction=image.tip_direction.copy(),
+            entry_offset_m=image.entry_offset_m.copy(),
+            depth_m=image.depth_m,
         )
 
     def reset(self, *, seed: int | None = None) -> Observation:
@@ -211,7 +214,7 @@ class Episode:
             raise ScenarioError([Problem("seed", seed, "must be 0 to 2^53 - 1")])
         self.scenario = self.scenario.model_copy(update={"seed": int(seed)})
         self.targets.draw(self.scenario)
-        self.view.camera = Camera.of(self.scenario)
+        self.view.camera = Camera.of(self.scenario, self.insertion.model)
 
     def _go_to(self, moment: Snapshot) -> None:
         self.insertion.workspace.restore(moment.kept)

@@ -8,20 +8,27 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
+from simcore.insertion.jacobian_fast import lateral_offset
+
 if TYPE_CHECKING:
     from simcore.arrays import Floats
     from simcore.insertion.insertion import InsertionState
+    from simcore.insertion.model import CoupledModel
     from simcore.scenario.scenario import Scenario
 
 NOISE_STREAM, REGISTRATION_STREAM = 1, 2  # of the scenario's seed; the target's noise draws from the seed itself
 
 
 class Image(NamedTuple):
-    """What one image shows. step: when it was taken. tip_m: (3,). tissue_m: (n, 3) nodes of the tissue, which carry a
-    path in its frame; nothing else is read from them."""
+    """What one image shows. step: when it was taken. tip_m: (3,). tip_direction: (3,) unit, along the needle.
+    entry_offset_m: (2,) of the shaft from the entry. depth_m: inserted length. tissue_m: (n, 3) nodes of the tissue,
+    which carry a path in its frame; nothing else is read from them."""
 
     step: int
     tip_m: Floats
+    tip_direction: Floats
+    entry_offset_m: Floats
+    depth_m: float
     tissue_m: Floats
 
 
@@ -34,11 +41,12 @@ class Camera:
 
     period: int
     latency: int
+    model: CoupledModel
     noise_m: Floats | None
     offset_m: Floats | None
 
     @classmethod
-    def of(cls, scenario: Scenario) -> Camera:
+    def of(cls, scenario: Scenario, model: CoupledModel) -> Camera:
         """With the noise and the offset that the scenario's seed draws."""
         sensing, noise, offset = scenario.sensing, None, None
         if sensing.noise_mm > 0.0:
@@ -47,7 +55,7 @@ class Camera:
         if sensing.tip == "registered":
             draws = np.random.default_rng([scenario.seed, REGISTRATION_STREAM])
             offset = draws.normal(0.0, 1e-3 * sensing.registration_mm, 3)
-        return cls(*sensing.steps(scenario.dt_s), noise, offset)
+        return cls(*sensing.steps(scenario.dt_s), model, noise, offset)
 
     def take(self, step: int, state: InsertionState) -> Image:
         """The image of a state."""
@@ -55,7 +63,9 @@ class Camera:
         for error in (self.offset_m, None if self.noise_m is None else self.noise_m[step]):
             if error is not None:
                 tip += error
-        return Image(step, tip, state.bodies.x)
+        offset = lateral_offset(self.model, state.bodies, state.inserted_m)[0]
+        direction = state.bodies.needle_R[-1][:, 2].copy()
+        return Image(step, tip, direction, offset, state.inserted_m, state.bodies.x)
 
 
 class View:

@@ -10,7 +10,7 @@ from simcore.scenario.controller_blocks import LOOK_AHEAD
 from simcore.trajectory import held_noise
 
 if TYPE_CHECKING:
-    from simcore.arrays import Floats
+    from simcore.arrays import Floats, Ints
     from simcore.insertion.insertion import Insertion
     from simcore.scenario.scenario import Scenario
 
@@ -23,7 +23,7 @@ class Targets:
     def __init__(self, scenario: Scenario, insertion: Insertion) -> None:
         self.insertion, self.carried = insertion, scenario.trajectory.frame == "tissue"
         self.rest_m = scenario.trajectory.targets_m(scenario.dt_s, scenario.steps)
-        self._carriers: list[tuple[Floats, Floats]] = []  # nodes and weights of the first targets
+        self._carriers: list[tuple[Ints, Floats]] = []  # nodes and weights of the first targets
         self.draw(scenario)
 
     def draw(self, scenario: Scenario) -> None:

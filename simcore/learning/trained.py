@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from simcore.errors import NeedlebenchError, Problem, ScenarioError
-from simcore.file_names import located
+from simcore.file_names import located, with_content
 from simcore.learning.elm import ExtremeLearningMachine
 from simcore.learning.linear import LinearModel
 from simcore.learning.mlp import MultilayerPerceptron
@@ -133,8 +133,12 @@ _MOST_KNOWN = 16
 
 
 def model_digest(kind: str, name: str, sha256: str | None) -> str:
-    """Read and check the model that a scenario names; its SHA-256. Raises ScenarioError."""
-    data = _content(kind, name)
+    """Read and check the model that a scenario names; its SHA-256. Raises ScenarioError.
+
+    What counts is the content: with a digest that the named file has not (any more), a model with it is looked for
+    among those that come along and where `file_names.content_in` says.
+    """
+    data = _content_of(kind, name, sha256)
     found = hashlib.sha256(data).hexdigest()
     if sha256 not in (None, found):
         wrong = f"has changed: its SHA-256 is {found}, {FIELD}_sha256 is {sha256}"
@@ -155,6 +159,20 @@ def load_model(kind: str, name: str, sha256: str) -> TrainedModel:
     if (kind, sha256) not in _known:
         model_digest(kind, name, sha256)
     return _known[kind, sha256]
+
+
+def _content_of(kind: str, name: str, sha256: str | None) -> bytes:
+    """The named file, or another one that has the digest."""
+    try:
+        data = _content(kind, name)
+    except ScenarioError:
+        if sha256 is None or (file := with_content(sha256, ".json", PACKAGED)) is None:
+            raise
+        return file.read_bytes()
+    if sha256 is None or hashlib.sha256(data).hexdigest() == sha256:
+        return data
+    file = with_content(sha256, ".json", PACKAGED)
+    return data if file is None else file.read_bytes()
 
 
 def _content(kind: str, name: str) -> bytes:

@@ -135,7 +135,7 @@ def _with_held_faces(tissue: dict[str, Any]) -> dict[str, Any]:
 
 def _path_differences(path: Guide, trained: dict[str, Any]) -> list[tuple[str, Any, str]]:
     before = trained.get("trajectory", {})
-    now = {"entry_mm": list(path.entry_mm), "frame": path.frame}
+    now: dict[str, Any] = {"entry_mm": list(path.entry_mm), "frame": path.frame}
     if isinstance(path, Timed):
         now["speed_mm_s"] = path.speed_mm_s
     found = [(f"trajectory.{k}", v, f"at {before[k]}") for k, v in now.items() if before.get(k, v) != v]

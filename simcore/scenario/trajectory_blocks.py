@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from abc import abstractmethod
-from typing import TYPE_CHECKING, Annotated, Literal
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import numpy as np
 from pydantic import Field
@@ -25,7 +25,7 @@ TARGET = Field(
     default=(18.0, 31.0, 122.0), description="inside the block, at least 0.1 below the face z = 0 [paper: z = 122]"
 )
 SPEED = bounded(10.0, 0.1, 1000.0, "speed of the target along the path [paper]")
-FRAME = Field(
+FRAME: Any = Field(
     default="world",
     description="world = path fixed in space, tissue = path carried by the deforming tissue [ours]",
 )
@@ -177,7 +177,7 @@ class WaypointTrajectory(Timed):
 
     def path(self) -> Path:
         """The path in rest space, metres."""
-        return SplinePath(np.array([self.entry_mm, *self.points_mm]) * 1e-3)
+        return SplinePath.through(np.array([self.entry_mm, *self.points_mm]) * 1e-3)
 
 
 class ReachTrajectory(Guide):

@@ -111,20 +111,24 @@ class ArcPath(Path):
 
 @dataclass(frozen=True)
 class SplinePath(Path):
-    """The natural cubic spline through points_m (k, 3) m, rest space, k at least 2, neighbours apart: straight through
-    two of them."""
+    """The natural cubic spline through points, all (3,) m, rest space, neighbours apart: straight without any between.
 
-    points_m: Floats
+    between_m: (k, 3) m, from entry to end.
+    """
 
-    @property
-    def entry_m(self) -> Floats:
-        """(3,) m: the first point."""
-        return self.points_m[0]
+    entry_m: Floats
+    end_m: Floats
+    between_m: Floats
 
-    @property
-    def end_m(self) -> Floats:
-        """(3,) m: the last point."""
-        return self.points_m[-1]
+    @classmethod
+    def through(cls, points_m: Floats) -> SplinePath:
+        """From the first to the last of points_m (k, 3) m, k at least 2."""
+        return cls(points_m[0], points_m[-1], points_m[1:-1])
+
+    @cached_property
+    def points_m(self) -> Floats:
+        """(k + 2, 3) m: all of them."""
+        return np.vstack([self.entry_m, self.between_m, self.end_m])
 
     @property
     def is_straight(self) -> bool:

@@ -10,7 +10,7 @@ import pytest
 from benchmarks.trend import Loss, Mark, Point, judge, judge_all, lasting_losses
 
 CASES = [f"case-{i}" for i in range(12)]
-BASE = Point(0.0, "a", "cpu", dict.fromkeys(CASES, 0.1), dict.fromkeys(CASES, "d"), 12, 2.0, {})
+BASE = Point(0.0, "a", "cpu", dict.fromkeys(CASES, 0.1), dict.fromkeys(CASES, "d"), 12, 2.0, {}, {"mine": "3f2a (1.0)"})
 
 
 def shifted(by_mm: float, cases: list[str]) -> Point:
@@ -86,3 +86,8 @@ def test_errors_that_are_no_numbers_never_win(broken: float) -> None:
     assert judge(BASE, [odd]).accuracy is Mark.BETTER
     assert judge(odd, [replace(odd, digests=dict.fromkeys(CASES, "f"))]).accuracy is Mark.SAME
     assert odd.median_rmse_mm == math.inf
+
+
+def test_a_change_of_what_steers_is_named() -> None:
+    now = replace(shifted(0.02, CASES), arms={"mine": "91bc (1.1)"})
+    assert judge(now, [BASE]).accuracy_why.endswith("other arms: mine 3f2a (1.0) -> 91bc (1.1)")

@@ -69,7 +69,7 @@ _JSON = st.recursive(
 _DOCUMENTS: list[dict[str, Any]] = [
     {"scenario": "demo", "priority": 1, "timeout_s": 60},
     {"scenario": {"name": "s", "tissue": {"element_size_mm": 10, "young_kpa": 5}, "controller": {"kind": "ifem"}}},
-    {"name": "g", "scenario": "line", "grid": {"seed": [0, 1], "tissue.young_kpa": [3.0]}},
+    {"name": "g", "scenario": "line", "grid": {"dt_s": [0.01, 0.02], "tissue.young_kpa": [3.0]}},
     {"suite": "lin100-v2-smoke"},
     {"name": "n", "cron": "0 3 * * *", "timezone": "Europe/Berlin", "campaign": {"grid": {"seed": [1]}}},
     {"campaigns": ["a", "b"], "controllers": ["ifem", "elm"]},

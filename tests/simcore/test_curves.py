@@ -18,9 +18,9 @@ PATHS: dict[str, Path] = {
     "arc": ArcPath(ENTRY, END, 0.12, SIDE),
     "half circle": ArcPath(ENTRY, END, 0.5 * math.dist(ENTRY, END), SIDE),
     "flat arc": ArcPath(ENTRY, END, 100.0, SIDE),
-    "spline": SplinePath(POINTS),
-    "two points": SplinePath(POINTS[[0, 3]]),
-    "many points": SplinePath(SinePath(ENTRY, END, 2e-3, 2.0, SIDE).curve(np.linspace(0.0, 1.0, 400))),
+    "spline": SplinePath.through(POINTS),
+    "two points": SplinePath.through(POINTS[[0, 3]]),
+    "many points": SplinePath.through(SinePath(ENTRY, END, 2e-3, 2.0, SIDE).curve(np.linspace(0.0, 1.0, 400))),
     "sine": SinePath(ENTRY, END, 2e-3, 2.0, SIDE),
 }
 every = pytest.mark.parametrize("path", PATHS.values(), ids=PATHS.keys())
@@ -50,7 +50,7 @@ def test_the_target_slides_at_constant_speed(path: Path) -> None:
     s = np.linspace(0.0, path.length_m, 101)
     np.testing.assert_allclose(np.interp(path.parameter(s), u, reached), s, atol=1e-9)
     moved = targets(path, speed_m_s=0.01, dt_s=0.1, steps=50)
-    np.testing.assert_allclose(moved, path.point(1e-3 * np.arange(51)), atol=1e-15)
+    np.testing.assert_allclose(moved, path.point(np.linspace(0.0, 50e-3, 51)), atol=1e-15)
 
 
 @every

@@ -31,7 +31,7 @@ from service.api.schemas.campaigns import (
 )
 from service.campaigns import report
 from service.campaigns.cases import CaseResult
-from service.campaigns.comparison import compare_campaigns, compare_controllers
+from service.campaigns.comparison import compare_campaigns, compare_within
 from service.campaigns.overview import campaign_page, overview
 from service.campaigns.results import outcomes
 from service.campaigns.trends import trend
@@ -203,13 +203,13 @@ def get_campaign_report(campaign_id: CampaignId, service: ServiceOf) -> Response
 @router.post(
     "/comparisons",
     operation_id="compare_campaigns",
-    summary="Compare two campaigns or two controllers",
+    summary="Compare two campaigns or the arms of one",
     responses=documented(400, 403, 404, 413, 415),
 )
 def create_comparison(body: ComparisonRequest, service: ServiceOf) -> ComparisonView:
-    """Paired tests over the paths that both have: failures count as the worst error."""
-    if body.controllers is not None:
-        return ComparisonView.of(compare_controllers(service.campaigns, body.campaigns[0], *body.controllers))
+    """Paired tests over the cases that differ in nothing else: failures count as the worst error."""
+    if len(body.campaigns) == 1:
+        return ComparisonView.of(compare_within(service.campaigns, body.campaigns[0], body.arms or ()))
     return ComparisonView.of(compare_campaigns(service.campaigns, *body.campaigns))
 
 

@@ -18,7 +18,7 @@ from service.campaigns.trends import SuiteTrend, TrendRun
 from service.store.campaign import CampaignPlan
 
 CampaignState = Literal["running", "done", "cancelled"]
-Name = Annotated[str, StringConstraints(min_length=1, max_length=100)]
+ArmName = Annotated[str, StringConstraints(min_length=1, max_length=200)]
 
 
 class CampaignLinks(BaseModel):
@@ -128,13 +128,20 @@ class CampaignCaseView(BaseModel):
     outcome: str = Field(description="success, missed or the status; the error of a job that left no result.")
     rmse_commanded_mm: float | None
     beside: dict[str, float | None] = Field(description="What the error may have been paid with, by metric.")
+    warnings: list[str]
     digest: str | None
 
     @classmethod
     def of(cls, row: CaseResult) -> Self:
         """The JSON of one insertion."""
-        names = ("labels", "state", "status", "success", "outcome", "rmse_commanded_mm", "beside", "digest")
-        return cls(case=row.case_id, job=row.job_id, **{name: getattr(row, name) for name in names})
+        names = ("labels", "state", "status", "success", "outcome", "rmse_commanded_mm", "beside")
+        return cls(
+            case=row.case_id,
+            job=row.job_id,
+            warnings=row.warnings,
+            digest=row.digest,
+            **{name: getattr(row, name) for name in names},
+        )
 
 
 class CampaignCaseList(BaseModel):
@@ -158,33 +165,37 @@ class SuiteList(BaseModel):
 
 
 class ComparisonRequest(BaseModel):
-    """Two campaigns, or two controllers of one."""
+    """Two campaigns; or one, with two of its arms or all of them."""
 
     model_config = ConfigDict(
         extra="forbid",
         json_schema_extra={
             "examples": [
                 {"campaigns": ["1f0c9d2b7a6e5d43", "9a8b7c6d5e4f3a21"]},
-                {"campaigns": ["1f0c9d2b7a6e5d43"], "controllers": ["ifem", "elm"]},
+                {"campaigns": ["1f0c9d2b7a6e5d43"], "arms": ["ifem", "elm"]},
+                {"campaigns": ["1f0c9d2b7a6e5d43"]},
             ]
         },
     )
 
     campaigns: Annotated[list[Annotated[str, StringConstraints(pattern="^[0-9a-z]{1,32}$")]], Field(max_length=2)]
-    controllers: Annotated[list[Name], Field(min_length=2, max_length=2)] | None = None
+    arms: Annotated[list[ArmName], Field(min_length=2, max_length=2)] | None = Field(
+        None, description="Two arms of one campaign by name; null: all of its arms against each other."
+    )
 
     @model_validator(mode="after")
     def _two_things(self) -> ComparisonRequest:
-        if len(self.campaigns) != (2 if self.controllers is None else 1):
-            raise ValueError("must have two campaigns, or one campaign and two controllers")
+        if not self.campaigns or (self.arms is not None and len(self.campaigns) > 1):
+            raise ValueError("must have two campaigns, or one campaign and two of its arms or none")
         return self
 
 
 class ComparisonView(BaseModel):
-    """Paired tests of the RMSE; differences are first minus second in mm: below zero the first is better."""
+    """Paired tests of the RMSE; differences are first minus second in mm: below zero the first is better. A test says
+    what its unit is (`unit`), how many there are (`clusters`) and why (`notes`); `p_holm` is adjusted for all tests."""
 
     campaigns: list[str]
-    controllers: list[str] | None
+    arms: list[str] | None
     same_digests: int | None = Field(description="Cases with the same digest in both campaigns.")
     shared_cases: int | None
     comparisons: list[dict[str, Any]]
@@ -192,7 +203,7 @@ class ComparisonView(BaseModel):
     @classmethod
     def of(cls, comparison: CampaignComparison) -> Self:
         """The JSON of a comparison."""
-        names = ("campaigns", "controllers", "same_digests", "shared_cases")
+        names = ("campaigns", "arms", "same_digests", "shared_cases")
         return cls(**{name: getattr(comparison, name) for name in names}, comparisons=as_json(comparison.tests))
 
 

@@ -17,6 +17,7 @@ from tests.benchmarks.paper.test_paper_report import Page
 if TYPE_CHECKING:
     from benchmarks.cases import Outcome
 
+FIRST = "ifem, E 3.0, target 18 31 100, seed 0"
 AXES: dict[str, list[Any]] = {
     "controller.kind": ["ifem", "open_loop"],
     "tissue.young_kpa": [3.0, 5.0, 8.0],
@@ -28,7 +29,7 @@ AXES: dict[str, list[Any]] = {
 def outcomes(axes: dict[str, list[Any]] = AXES, *, failing: str = "") -> list[Outcome]:
     """I-FEM errs by 0.3 mm / E, the open loop ten times as much; the second path and the second seed add a little."""
     found = []
-    for case in grid({}, axes).cases:
+    for case in grid({"noise_mm": 0.25}, axes).cases:
         labels = case.labels
         rmse = 0.3 / float(labels.get("tissue.young_kpa", 1.0)) * (10.0 if labels["arm"] == "open_loop" else 1.0)
         rmse += 1e-3 * int(labels.get("seed", 0)) + 2e-3 * str(labels.get("trajectory.target_mm")).startswith("[20")
@@ -47,17 +48,19 @@ def test_every_point_once_with_its_seeds_in_it(report: dict[str, Any]) -> None:
     assert report["schema"] == SCHEMA
     assert report["counts"] == {"insertions": 24, "failed": 0, "points": 12}
     assert [point["insertions"] for point in points] == [2] * 12
-    assert list(points[0]["place"].values()) == ["ifem", 3.0, "[18, 31, 100]"]
+    assert points[0]["place"] == {"arm": "ifem", "tissue.young_kpa": 3.0, "trajectory.target_mm": "[18, 31, 100]"}
     assert points[0]["median_mm"] == pytest.approx(0.1005)
     assert points[0]["step_ms"] == pytest.approx(1.9 + 0.6 + 0.15)
 
 
 def test_a_field_is_compared_where_all_else_is_the_same(report: dict[str, Any]) -> None:
     effects = {effect["field"]: effect for effect in report["effects"]}
-    assert list(effects) == ["controller.kind", "tissue.young_kpa", "trajectory.target_mm"]
-    (controllers,) = effects["controller.kind"]["contrasts"]
+    assert list(effects) == ["tissue.young_kpa", "trajectory.target_mm"]
+    (controllers,) = report["comparisons"]
     assert (controllers["first"], controllers["second"]) == ("ifem", "open_loop")
-    assert (controllers["pairs"], controllers["clusters"]) == (12, 6)
+    assert (controllers["pairs"], controllers["clusters"], controllers["unit"]) == (12, 6, "case")
+    assert "those that differ in their seed alone count once" in " ".join(controllers["notes"])
+    assert controllers["p_primary"] == controllers["p_holm"] == pytest.approx(2 * 0.5**6)
     stiffness = effects["tissue.young_kpa"]
     assert stiffness["numeric"]
     found = {(c["group"], c["first"], c["second"]): c["difference_mm"] for c in stiffness["contrasts"]}
@@ -70,8 +73,8 @@ def test_a_field_is_compared_where_all_else_is_the_same(report: dict[str, Any]) 
 
 
 def test_many_values_are_compared_with_the_first() -> None:
-    axes: dict[str, list[Any]] = {"tissue.young_kpa": [1.0, 2.0, 3.0, 4.0, 5.0, 6.0]}
-    (effect,) = document(outcomes(axes), axes, name="six")["effects"]
+    axes: dict[str, list[Any]] = {"tissue.young_kpa": [1.0, 2.0, 3.0, 4.0, 5.0, 6.0], "dt_s": [0.01, 0.02]}
+    effect, _ = document(outcomes(axes), axes, name="six")["effects"]
     assert [(c["first"], c["second"]) for c in effect["contrasts"]] == [("1.0", f"{i}.0") for i in range(2, 7)]
 
 
@@ -85,10 +88,10 @@ def test_seeds_alone_are_no_effect_and_one_point() -> None:
 
 @pytest.mark.slow
 def test_a_failure_ranks_behind_everything_and_is_listed() -> None:
-    report = document(outcomes(failing="case-00000"), AXES, name="stiffness", links={"case-00000": "/jobs/7"})
+    report = document(outcomes(failing=FIRST), AXES, name="stiffness", links={FIRST: "/jobs/7"})
     point = report["points"][0]
     assert (point["failed"], point["median_mm"], point["worst_error_mm"]) == (1, None, None)
-    assert [(f["id"], f["link"]) for f in report["failures"]] == [("case-00000", "/jobs/7")]
+    assert [(f["id"], f["link"]) for f in report["failures"]] == [(FIRST, "/jobs/7")]
     text = html(report)
     assert "Failed" in text
     assert 'href="/jobs/7"' in text
@@ -102,7 +105,7 @@ def test_the_page_is_sound_and_says_nothing_of_the_paper(report: dict[str, Any])
     assert not {"script", "link", "img"} & {name for name, _ in page.tags}
     assert all(attrs.get("scope") in ("col", "row", "rowgroup") for attrs in page.of("th"))
     body = text.partition("</style>")[2]
-    for word in ("claim", "Perrusi", "ELM", "LIN", "end point"):
+    for word in ("claim", "Perrusi", "ELM", "LIN", "constant"):
         assert word not in body, word
     ids = [attrs["id"] for _, attrs in page.tags if "id" in attrs]
     assert len(ids) == len(set(ids))
@@ -111,7 +114,7 @@ def test_the_page_is_sound_and_says_nothing_of_the_paper(report: dict[str, Any])
     assert {f"/jobs/{one['id']}" for one in report["chosen"]} <= set(links)
     assert {one["why"] for one in report["chosen"]} >= {"best", "median", "worst"}
     assert len([attrs for attrs in page.of("svg") if attrs.get("role") == "img"]) == 1 + 1 + 2
-    assert "0.038 mm at controller.kind = I-FEM, tissue.young_kpa = 8.0" in page.text
+    assert "0.038 mm with I-FEM, tissue.young_kpa = 8.0" in page.text
 
 
 def test_names_from_outside_stay_text() -> None:

@@ -213,7 +213,7 @@ def test_a_range_whose_numbers_are_none_of_http_is_refused(both: Both, asked: st
     http, service = both
     http.post(JOBS, json={"scenario": "line"})
     job = finish(service)
-    answer = http.get(f"/recordings/{job.id}.rrd", headers={"Range": asked.encode("latin-1")})  # type: ignore[dict-item]
+    answer = http.get(f"/recordings/{job.id}.rrd", headers=[(b"Range", asked.encode("latin-1"))])
     assert (answer.status_code, answer.json()["code"]) == (400, "bad-request")
 
 

@@ -24,7 +24,7 @@ if TYPE_CHECKING:
 
     from service.store.jobs import Store
 
-_GRID = {"scenario": "line", "grid": {"seed": [0, 1]}}
+_GRID = {"scenario": "line", "grid": {"dt_s": [0.01, 0.02]}}
 
 
 def submit(store: Store) -> Job:

@@ -56,7 +56,9 @@ def test_uploads_models_and_cases_come_by_pages(http: TestClient) -> None:
     assert flat(found) == sent[::-1]
     assert pages(http, "uploads", limit=2, kind="mesh") == [[]]
     assert len(pages(http, "models", limit=1)) == 1
-    campaign = http.post(f"{API}/campaigns", json={"grid": {"seed": [0, 1, 2, 3, 4]}}).json()["id"]
+    campaign = http.post(
+        f"{API}/campaigns", json={"scenario": {"noise_mm": 0.25}, "grid": {"seed": [0, 1, 2, 3, 4]}}
+    ).json()["id"]
     cases = pages(http, f"campaigns/{campaign}/jobs", limit=2)
     assert list(map(len, cases)) == [2, 2, 1]
     assert flat(cases) == flat(pages(http, f"campaigns/{campaign}/jobs"))
@@ -66,7 +68,9 @@ def test_uploads_models_and_cases_come_by_pages(http: TestClient) -> None:
 def test_jobs_are_listed_by_name_and_by_campaign(http: TestClient) -> None:
     for name in ("one", "two", "two"):
         http.post(f"{API}/jobs", json={"scenario": {"name": name}})
-    campaign = http.post(f"{API}/campaigns", json={"grid": {"seed": [0, 1]}}).json()["id"]
+    campaign = http.post(f"{API}/campaigns", json={"scenario": {"noise_mm": 0.25}, "grid": {"seed": [0, 1]}}).json()[
+        "id"
+    ]
     assert len(flat(pages(http, "jobs", name="two", limit=1))) == 2
     assert len(flat(pages(http, "jobs", campaign=campaign))) == 2
     assert pages(http, "jobs", name="three") == [[]]

@@ -24,7 +24,7 @@ if TYPE_CHECKING:
     from service.api.context import Service
 
 API = "/api/v1"
-GRID = {"grid": {"seed": [0, 1]}}
+GRID = {"scenario": {"noise_mm": 0.25}, "grid": {"seed": [0, 1]}}
 MAKES_SOMETHING = {  # operations that change nothing which is there
     "submit_job", "create_campaign", "create_schedule", "create_upload", "create_comparison", "compare_campaigns",
     "train_model",

@@ -23,7 +23,7 @@ if TYPE_CHECKING:
     from service.api.context import Service
 
 VALUES = dict(zip(BESIDE, (1.27, 3.41, 0.83, 4.19, 0.27, 1234.0), strict=True))
-GRID = {"scenario": "line", "name": "beside", "grid": {"controller.kind": ["ifem", "open_loop"], "seed": [0, 1]}}
+GRID = {"scenario": "line", "name": "beside", "grid": {"controller.kind": ["ifem", "open_loop"], "dt_s": [0.01, 0.02]}}
 
 
 @pytest.fixture
@@ -71,7 +71,7 @@ def test_the_answers_of_the_api_have_them(both: tuple[TestClient, Service]) -> N
     assert [(case["beside"], case["outcome"]) for case in cases] == [(VALUES, "missed")] * 4
     rows = list(csv.DictReader(http.get(made["links"]["results"], params={"format": "csv"}).text.splitlines()))
     assert [{metric: float(row[metric]) for metric in BESIDE} for row in rows] == [VALUES] * 4
-    body = {"campaigns": [made["id"]], "controllers": ["ifem", "open_loop"]}
+    body = {"campaigns": [made["id"]], "arms": ["ifem", "open_loop"]}
     (test,) = http.post("/api/v1/comparisons", json=body).json()["comparisons"]
     assert test["beside_first"] == test["beside_second"] == VALUES
     (score, _) = http.get(made["links"]["results"]).json()["scores"]

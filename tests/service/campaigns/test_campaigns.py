@@ -23,7 +23,7 @@ if TYPE_CHECKING:
 
 GRID = {
     "name": "two by two",
-    "scenario": {"recording": {"enabled": False}},
+    "scenario": {"noise_mm": 0.25, "recording": {"enabled": False}},
     "grid": {"controller.kind": ["ifem", "open_loop"], "seed": [0, 1]},
 }
 
@@ -95,8 +95,14 @@ def test_a_campaign_makes_its_jobs_and_ends_with_them(both: tuple[TestClient, Se
     assert (done["state"], done["jobs"], done["fraction"]) == ("done", {"finished": 4}, 1.0)
     cases = http.get(made["links"]["jobs"]).json()["items"]
     assert [case["labels"] for case in cases][:2] == [
-        {"controller.kind": "ifem", "seed": 0, "arm": "ifem"},
-        {"controller.kind": "ifem", "seed": 1, "arm": "ifem"},
+        {"controller.kind": "ifem", "seed": 0, "arm": "ifem", "end_point": "18 31 122"},
+        {"controller.kind": "ifem", "seed": 1, "arm": "ifem", "end_point": "18 31 122"},
+    ]
+    assert [case["case"] for case in cases] == [
+        "ifem, seed 0",
+        "ifem, seed 1",
+        "open_loop, seed 0",
+        "open_loop, seed 1",
     ]
     assert all(case["success"] for case in cases)
 
@@ -119,6 +125,7 @@ def test_a_dry_run_queues_nothing(both: tuple[TestClient, Service]) -> None:
         ({"suite": "nonsense-v1"}, "lin100-v2"),
         ({"suite": "lin100-v2-smoke", "grid": {"seed": [0]}}, "either suite or grid"),
         ({"grid": {"seed": []}}, "at least one"),
+        ({"grid": {"seed": [0, 1]}}, "has no effect while noise_mm = 0"),
         ({"grid": {"tissue.mesh_file": ["/etc/passwd"]}}, "not accepted here"),
         ({"grid": {"seed": [0]}, "priority": 1000}, "100"),
     ],
@@ -223,17 +230,21 @@ def test_only_what_has_ended_can_be_deleted(both: tuple[TestClient, Service]) ->
 
 
 @pytest.mark.slow
-def test_two_campaigns_and_two_controllers_are_compared(both: tuple[TestClient, Service]) -> None:
+def test_two_campaigns_and_two_arms_are_compared(both: tuple[TestClient, Service]) -> None:
     http, _ = both
     one, other = ended(both, rmse_commanded_mm=0.1), ended(both, rmse_commanded_mm=0.3, digest="e")
     found = http.post("/api/v1/comparisons", json={"campaigns": [one["id"], other["id"]]}).json()
     assert (found["shared_cases"], found["same_digests"]) == (4, 0)
     assert [round(c["difference_mm"], 6) for c in found["comparisons"]] == [-0.2, -0.2]
-    arms = {"campaigns": [one["id"]], "controllers": ["ifem", "open_loop"]}
-    assert http.post("/api/v1/comparisons", json=arms).json()["comparisons"][0]["difference_mm"] < 0
-    unknown = {"campaigns": [one["id"]], "controllers": ["ifem", "elm"]}
+    arms = {"campaigns": [one["id"]], "arms": ["ifem", "open_loop"]}
+    (test,) = http.post("/api/v1/comparisons", json=arms).json()["comparisons"]
+    assert test["difference_mm"] < 0
+    assert (test["pairs"], test["unit"], test["p_holm"]) == (2, "case", test["p_primary"])
+    every = http.post("/api/v1/comparisons", json={"campaigns": [one["id"]]}).json()
+    assert (every["arms"], every["comparisons"]) == (["ifem", "open_loop"], [test])
+    unknown = {"campaigns": [one["id"]], "arms": ["ifem", "elm"]}
     assert http.post("/api/v1/comparisons", json=unknown).status_code == 422
-    assert http.post("/api/v1/comparisons", json={"campaigns": [one["id"]]}).status_code == 422
+    assert http.post("/api/v1/comparisons", json={"campaigns": [], "arms": None}).status_code == 422
     assert http.post("/api/v1/comparisons", json={"campaigns": [one["id"], "ffff"]}).status_code == 404
 
 
@@ -271,3 +282,31 @@ def test_campaigns_are_listed_page_by_page(both: tuple[TestClient, Service]) -> 
 def test_suites_are_listed(both: tuple[TestClient, Service]) -> None:
     http, _ = both
     assert "lin100-v2-smoke" in [item["name"] for item in http.get("/api/v1/suites").json()["items"]]
+
+
+def test_a_page_of_a_campaign_names_its_cases_and_says_what_they_warn_of(both: tuple[TestClient, Service]) -> None:
+    http, service = both
+    made = start(http)
+    while (job := service.store.claim()) is not None:
+        metrics = {"stable": True, "success": True, "rmse_commanded_mm": 0.1}
+        result = {"status": "completed", "metrics": metrics, "timing": {}, "warnings": [f"lost at {job.seq} mm"]}
+        service.store.finish(job, Outcome(state=FINISHED, result=result))
+    service.keeper.tick()
+    page = http.get(f"/campaigns/{made['id']}").text
+    assert "open_loop, seed 1" in page
+    assert "4 of 4 insertions (ifem, seed 0; ifem, seed 1; open_loop, seed 0; …): lost at" in page
+    assert "case-0" not in page
+    report = http.get(made["links"]["results"]).json()
+    assert [(one["cases"], one["text"].startswith("lost at")) for one in report["cautions"]] == [(4, True)]
+    assert "lost at" in http.get(made["links"]["report"]).text
+    assert "lost at" in http.get(made["links"]["results"], params={"format": "csv"}).text
+    assert "constant" not in http.get(made["links"]["report"]).text.partition("</style>")[2]
+
+
+def test_the_arms_of_a_campaign_are_compared_on_a_page(both: tuple[TestClient, Service]) -> None:
+    http, _ = both
+    done = ended(both)
+    page = http.get(f"/compare?a={done['id']}&every=1").text
+    assert "p, Holm" in page
+    assert "1 case of 2 pairs: nothing is tested" in page
+    assert "seeds that gave the same result to the bit count once" in page

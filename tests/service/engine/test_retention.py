@@ -314,7 +314,9 @@ def test_a_size_alone_is_a_rule(tmp_path: Path) -> None:
 @pytest.mark.slow
 def test_jobs_of_a_campaign_stay_until_it_has_ended(both: tuple[TestClient, Service]) -> None:
     http, service = both
-    made = http.post("/api/v1/campaigns", json={"grid": {"seed": [0, 1]}}).json()["links"]["self"]
+    made = http.post("/api/v1/campaigns", json={"scenario": {"noise_mm": 0.25}, "grid": {"seed": [0, 1]}}).json()[
+        "links"
+    ]["self"]
     first = finish(service)
     assert clear(service.store, service.settings.jobs, Policy(keep_last=0), dry_run=False).jobs == ()
     second = finish(service)

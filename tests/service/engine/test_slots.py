@@ -198,7 +198,12 @@ def test_a_slot_asks_whether_its_job_is_cancelled_when_somebody_changed_it(
         until(lambda: service.store.get(job.id).progress is not None)
         asked: list[str] = []
         ask = service.store.cancel_requested
-        monkeypatch.setattr(service.store, "cancel_requested", lambda job_id: asked.append(job_id) or ask(job_id))
+
+        def counted(job_id: str) -> bool:
+            asked.append(job_id)
+            return ask(job_id)
+
+        monkeypatch.setattr(service.store, "cancel_requested", counted)
         before = service.store.get(job.id).version
         until(lambda: service.store.get(job.id).version > before + 2)
         assert asked == []  # its own progress is no news to it

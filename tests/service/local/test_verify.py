@@ -11,10 +11,11 @@ import pytest
 from click.testing import CliRunner, Result
 
 from service.cli.main import main
-from service.local.verify import CannotVerifyError, changed, compare, first_difference
+from service.local.verify import CannotVerifyError, changed, check_arm, compare, first_difference
 from service.store.job import Outcome
 from service.worker.attempt import run_job
 from service.worker.specs import InsertionSpec
+from simcore.arms import arm_of
 from simcore.rollout import artefacts
 from simcore.rollout.digest import digest
 from simcore.rollout.rollout import run
@@ -199,3 +200,9 @@ def test_another_processor_or_blas_is_warned_of(rollout: Rollout, tmp_path: Path
     assert "warning: the kernels or the BLAS are for another processor than then" in other.stderr
     assert f"blas_core          P5 -> {origin['blas_core']}" in other.stdout
     assert "llvm_features      with avx9000 -> without" in other.stdout
+
+
+def test_a_run_that_was_steered_from_another_process_cannot_be_verified() -> None:
+    arm = arm_of(Scenario.load({"controller": {"kind": "remote", "name": "mine"}}).resolved())
+    with pytest.raises(CannotVerifyError, match="'mine' steered from another process"):
+        check_arm({}, arm)

@@ -26,7 +26,7 @@ from service.recording.colors import DISPLACEMENT_SCALE_M, displacement_colors
 from service.recording.observer import RerunObserver, optimize
 from service.recording.plots import PLOTS, Moment, Step
 from service.worker.attempt import ObserverGroup
-from simcore.scenario.scenario import Scenario
+from simcore.scenario.scenario import Scenario, StraightTrajectory
 from tests.service.fake_run import FakeRollout, FakeRun
 
 if TYPE_CHECKING:
@@ -171,7 +171,9 @@ def test_plotted_numbers_in_their_units(kept: tuple[Path, Keeper]) -> None:
     assert error == pytest.approx([1e3 * np.linalg.norm(record.tip_m - before.target_m), 1e3 * record.rcm_error_m])
     forces = recorded(path, "metrics/forces", "Scalars:scalars")[middle]
     assert forces == pytest.approx([record.base_force_n[2], np.linalg.norm(record.base_force_n[:2])])
-    speed = keeper.scene.scenario.trajectory.speed_mm_s
+    trajectory = keeper.scene.scenario.trajectory
+    assert isinstance(trajectory, StraightTrajectory)
+    speed = trajectory.speed_mm_s
     assert recorded(path, "metrics/command", "Scalars:scalars")[middle][1] == pytest.approx(speed, rel=0.02)
     depth = recorded(path, "metrics/depth", "Scalars:scalars")[middle]
     assert depth[0] == pytest.approx(1e3 * keeper.scene.scenario.path().length_m / 2)

@@ -17,7 +17,7 @@ def hang(*_given: object) -> None:
 
 def main() -> None:
     """With a keeper that hangs in its tick, and a list of keys that never comes."""
-    Keeper.tick = hang  # type: ignore[method-assign]
-    Keys.all = hang  # type: ignore[assignment]
-    started.STOP_S = 2.0
+    Keeper.tick = hang  # type: ignore[method-assign, assignment]
+    Keys.all = hang  # type: ignore[method-assign, assignment]
+    started.STOP_S = 2.0  # type: ignore[attr-defined]
     server.main()

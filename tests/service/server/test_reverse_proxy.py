@@ -18,6 +18,7 @@ from tests.service.http import idle_service
 from tests.service.server.reverse_proxy import proxy_of, upstream_of
 
 if TYPE_CHECKING:
+    from collections.abc import Iterator
     from pathlib import Path
 
     from starlette.testclient import TestClient
@@ -82,20 +83,20 @@ def addresses_of(browser: httpx2.Client, url: str) -> set[str]:
     return found
 
 
-def behind(tmp_path: Path) -> TestClient:
+@pytest.fixture
+def behind(tmp_path: Path) -> Iterator[TestClient]:
     with idle_service(tmp_path, api_key=KEY, public_url=PUBLIC) as (http, _):
         http.headers["Authorization"] = f"Bearer {KEY}"
         http.follow_redirects = False
-        return http
+        yield http
 
 
-def test_the_name_that_a_proxy_shows_is_the_service_s_own_and_no_other(tmp_path: Path) -> None:
-    http = behind(tmp_path)
-    assert http.get("/readyz", headers={"Host": "lab.example"}).status_code in (200, 503)
-    assert http.get("/readyz", headers={"Host": "evil.example"}).status_code == 421
+def test_the_name_that_a_proxy_shows_is_the_service_s_own_and_no_other(behind: TestClient) -> None:
+    assert behind.get("/readyz", headers={"Host": "lab.example"}).status_code in (200, 503)
+    assert behind.get("/readyz", headers={"Host": "evil.example"}).status_code == 421
     for path in (PREFIX, f"{PREFIX}/", "/"):
-        assert f'href="{PREFIX}/campaigns"' in http.get(path, headers={"Host": "lab.example"}).text
-    assert http.get(f"{PREFIX}x/", headers={"Host": "lab.example"}).status_code == 404
+        assert f'href="{PREFIX}/campaigns"' in behind.get(path, headers={"Host": "lab.example"}).text
+    assert behind.get(f"{PREFIX}x/", headers={"Host": "lab.example"}).status_code == 404
 
 
 def test_every_address_in_a_script_takes_the_proxy_s_path() -> None:

@@ -137,7 +137,7 @@ def test_an_upload_that_goes_while_something_is_submitted_is_told(
     service.uploads.delete(sent["id"])
     (service.settings.uploads / sent["id"]).write_bytes(box(tmp_path))
     asked: dict[str, Any] = {"scenario": scenario(sent["reference"])}
-    told = http.post(path, json=asked if path == JOBS else {**asked, "grid": {"seed": [0, 1]}})
+    told = http.post(path, json=asked if path == JOBS else {**asked, "grid": {"dt_s": [0.01, 0.02]}})
     assert told.status_code == 422, told.text
     (error,) = told.json()["errors"]
     field = "tissue.mesh_file" if path == JOBS else "scenario.tissue.mesh_file"

@@ -66,7 +66,11 @@ def site(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Site]:
     with idle_service(tmp_path_factory.mktemp("site")) as (http, service):
         done = http.post("/api/v1/jobs", json={"scenario": {"name": "done"}}).json()["id"]
         finish(service)
-        grid = {"grid": {"controller.kind": ["ifem", "open_loop"], "seed": [0, 1]}, "name": HOSTILE}
+        grid = {
+            "scenario": {"noise_mm": 0.25},
+            "grid": {"controller.kind": ["ifem", "open_loop"], "seed": [0, 1]},
+            "name": HOSTILE,
+        }
         ended = [http.post("/api/v1/campaigns", json=grid).json()["id"] for _ in range(2)]
         for _ in range(8):
             finish(service)
@@ -377,9 +381,12 @@ def test_times_in_words(seconds: float | None, text: str) -> None:
     [
         ({}, "A has a smaller RMSE than B, by 0.1000 mm"),
         ({"difference_mm": 0.1}, "B has a smaller RMSE than A, by 0.1000 mm"),
-        ({"p_primary": 0.4}, "within what chance would give"),
-        ({"p_primary": 0.4, "equivalent": True}, "shown to be equivalent"),
-        ({"p_primary": 0.06, "clusters": 5}, "too few end points to tell this from chance"),
+        ({"p_primary": 0.01, "p_holm": 0.4}, "within what chance would give"),
+        ({"p_holm": 0.4, "equivalent": True}, "shown to be equivalent"),
+        ({"p_holm": 0.06, "clusters": 5}, "5 end points are too few to tell this from chance"),
+        ({}, "sign test over 20 end points of 40 pairs: p < 0.001, adjusted by Holm"),
+        ({"unit": "case", "pairs": 1, "clusters": 1, "p_primary": None, "p_holm": None}, "1 case: nothing is tested"),
+        ({"notes": ["1 case has no partner and left the test"]}, "Note: 1 case has no partner"),
         ({"difference_mm": 0.0}, "have the same RMSE"),
         ({"difference_mm": None, "difference_interval_mm": None}, "one of them failed"),
         ({"difference_interval_mm": [-0.2, None]}, "-0.2000 to unbounded"),
@@ -394,6 +401,10 @@ def test_a_comparison_in_words(changes: dict[str, Any], text: str) -> None:
         "clusters": 20,
         "pairs": 40,
         "p_primary": 0.0004,
+        "p_holm": 0.0008,
+        "fewest": 6,
+        "unit": "end point",
+        "notes": [],
         "equivalent": False,
     }
     assert text in formatting.sentence({**one, **changes})

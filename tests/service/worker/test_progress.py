@@ -108,7 +108,12 @@ def test_a_progress_that_has_not_changed_is_not_read_again(tmp_path: Path, monke
     assert reader.latest() == {"step": 1}
     reads: list[Path] = []
     read = progress.read
-    monkeypatch.setattr(progress, "read", lambda folder: reads.append(folder) or read(folder))
+
+    def counted(folder: Path) -> Any:
+        reads.append(folder)
+        return read(folder)
+
+    monkeypatch.setattr(progress, "read", counted)
     assert reader.latest() == {"step": 1}
     assert reads == []
     replace_text(tmp_path / progress.NAME, '{"step": 2}')

@@ -271,7 +271,7 @@ def test_a_registered_controller_is_run_with_its_settings() -> None:
 
 @pytest.mark.usefixtures("registered")
 def test_an_unknown_plug_in_lists_those_that_are_installed() -> None:
-    with pytest.raises(ScenarioError, match=r"controller\.name = 'other'.*installed: straight"):
+    with pytest.raises(ScenarioError, match=r"controller\.name = 'other'.*installed: mpc, straight"):
         scenario({"kind": "plugin", "name": "other"})
 
 

@@ -61,6 +61,8 @@ def test_one_that_was_changed_meanwhile_is_refused(site: Path) -> None:
     plugins.note_installed()
     load("changed")
     os.utime(file, (1, 1))
+    load("changed")  # its content is the same
+    file.write_text(MODULE + "CHANGED = True\n")
     with pytest.raises(ScenarioError, match=r"controller\.name = 'changed': was changed .* restart the service"):
         load("changed")
     with pytest.raises(PluginError, match="restart the service"):

@@ -100,7 +100,7 @@ class _Watched(_Loop):
 
     def __init__(self, scenario: Scenario) -> None:
         super().__init__(scenario, Silent(), time.perf_counter)
-        self.perturbation = Perturbation(self.insertion, shift_m=1e-4, lever_arm_m=LEVER_M)
+        self.perturbation = Perturbation(self.episode.insertion, shift_m=1e-4, lever_arm_m=LEVER_M)
         self.commanded = self.controller.command
         self.controller.command = self.command  # type: ignore[method-assign]
 

@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 ENTRY = [12, 20, 0]
 ARC = {"kind": "arc", "entry_mm": ENTRY, "target_mm": [12, 22, 20], "radius_mm": 200}
 POINTS = {"kind": "waypoints", "entry_mm": ENTRY, "points_mm": [[12.1, 20.5, 10], [12, 21.5, 20]]}
-REACH = {"kind": "reach", "entry_mm": ENTRY, "target_mm": [12, 21, 20], "time_s": 4}
+REACH: dict[str, Any] = {"kind": "reach", "entry_mm": ENTRY, "target_mm": [12, 21, 20], "time_s": 4}
 
 
 @pytest.mark.parametrize("trajectory", [ARC, POINTS], ids=["arc", "waypoints"])
@@ -48,7 +48,8 @@ def test_a_target_without_a_path_is_reached_in_time(kind: str) -> None:
     found = run(short(trajectory=REACH, controller={"kind": kind}, noise_mm=0.0))
     assert found.status is Status.COMPLETED
     assert len(found.series["t_s"]) == 41
-    np.testing.assert_allclose(1e3 * found.series["target_m"], [REACH["target_mm"]] * 41, atol=1e-9)
+    targets_mm = np.tile(np.asarray(REACH["target_mm"], float), (41, 1))
+    np.testing.assert_allclose(1e3 * found.series["target_m"], targets_mm, atol=1e-9)
     assert found.metrics["cross_track_rmse_mm"] is None
     assert found.metrics["max_same_time_mm"] > 10.0
     if kind != "elm":

@@ -89,7 +89,7 @@ def test_the_targets_of_a_preset_stay_in_the_block(name: str) -> None:
     points = targets(scenario.path(), speed_m_s=0.01, dt_s=scenario.dt_s, steps=scenario.steps) * 1e3
     assert (points >= -1e-9).all()
     assert (points <= np.array(scenario.tissue.size_mm) + 1e-9).all()
-    np.testing.assert_allclose(points[-1], scenario.trajectory.target_mm, atol=1e-9)
+    np.testing.assert_allclose(points[-1], scenario.trajectory.end_mm, atol=1e-9)
 
 
 # ---- with_changes

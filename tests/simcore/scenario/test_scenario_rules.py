@@ -9,6 +9,7 @@ import pytest
 
 from simcore.scenario import controller_blocks
 from simcore.scenario.scenario import Scenario
+from simcore.trajectory.curves import SinePath
 from tests.simcore.scenario.scenario_fields import STRAIGHT_IN, Json, refusal, refusal_or_none, refused, replay
 
 EVERY_KIND: list[Json] = [  # that needs no file of its own and no plug-in
@@ -120,6 +121,7 @@ def test_a_sine_direction_across_the_path_is_needed(direction: list[float]) -> N
 @pytest.mark.parametrize("direction", [[1e-6, 0, 0], [1000, 0, 0], [1, 0, 1000], [1e-3, 0, 1]])
 def test_a_sine_direction_has_any_length(direction: list[float]) -> None:
     path = Scenario.load({"trajectory": {"kind": "sine", "direction": direction}}).path()
+    assert isinstance(path, SinePath)
     assert path.overlay == pytest.approx([1.0, 0.0, 0.0], abs=1e-9)
 
 

@@ -9,7 +9,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import pytest
 
-from simcore.rollout.rollout import material_path, run
+from simcore.rollout.recorder import material_path
+from simcore.rollout.rollout import run
 from simcore.scenario.build import insertion_of
 from simcore.trajectory import polyline_distance_m
 from tests.simcore.block import Vector, block_scenario, moved
