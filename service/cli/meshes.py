@@ -35,7 +35,9 @@ def mesh(file: str, unit_mm: float | None, as_json: bool) -> None:
 
 
 def as_text(file: str, summary: MeshSummary) -> str:
-    """The summary as people read it, with the changes that use the file."""
+    """The summary as people read it, with the changes that use the file; names cannot act upon the terminal."""
+    from simcore.mesh.reading import printable
+
     guess = ", guessed from the extents" if summary.unit_guessed else ""
     sets = [
         f"{name} ({held} nodes)" if isinstance(held, int) else f"{name}: {held}" for name, held in summary.sets.items()
@@ -54,7 +56,7 @@ def as_text(file: str, summary: MeshSummary) -> str:
             for i, e in enumerate(summary.entries)
         ],
     ]
-    return "\n".join([*(f"{name:<12}{text}" for name, text in rows), "", _changes(file, summary)])
+    return "\n".join([*(f"{name:<12}{printable(text)}" for name, text in rows), "", _changes(file, summary)])
 
 
 def _changes(file: str, summary: MeshSummary) -> str:
@@ -65,7 +67,7 @@ def _changes(file: str, summary: MeshSummary) -> str:
     held = next(
         (name for name, nodes in summary.sets.items() if isinstance(nodes, int) and nodes < summary.nodes), None
     )
-    options.append(f"'tissue.fixed_sets={json.dumps([held or 'NAME'], ensure_ascii=False)}'")
+    options.append(f"'tissue.fixed_sets={json.dumps([held or 'NAME'], ensure_ascii=not (held or '').isprintable())}'")
     if summary.entries:
         entry = summary.entries[0]
         target = [e + 0.5 * entry.depth_mm * n for e, n in zip(entry.entry_mm, entry.inward, strict=True)]

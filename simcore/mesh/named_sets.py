@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -45,7 +46,7 @@ def nodes_named(raw: RawMesh, name: str) -> Ints | None:
             if same(key) == same(name):
                 return nodes
     key, equals, number = name.rpartition("=")
-    if equals and number.lstrip("-").isdecimal() and len(number) < 19:
+    if equals and re.fullmatch(r"-?[0-9]{1,18}", number):
         return _nodes_where(raw, key, lambda values: values == int(number))
     return _nodes_where(raw, name, _is_marked)
 
@@ -60,6 +61,7 @@ def _nodes_where(raw: RawMesh, name: str, test: Callable[[Any], Any]) -> Ints | 
     """Where the arrays of a name pass a test; at the points and at each kind of cell it may have only one meaning."""
     found: dict[str, Ints] = {}
     arrays = [array for array in raw.arrays if name in (array.key, array.alias)]
+    _refuse_repeated(arrays)
     for array in arrays:
         nodes = _of_array(raw, array, test)
         found[array.key] = np.union1d(found.get(array.key, nodes), nodes)
@@ -70,6 +72,16 @@ def _nodes_where(raw: RawMesh, name: str, test: Callable[[Any], Any]) -> Ints | 
     if not arrays:
         return None
     return np.zeros(0, np.int64) if first is None else first
+
+
+def _refuse_repeated(arrays: list[NumberArray]) -> None:
+    """Two arrays of one name at the same cells, such as steps of time, have no common meaning."""
+    seen: set[tuple[str, int]] = set()
+    for array in arrays:
+        places = {(array.key, i) for i, values in enumerate(array.values) if values is not None}
+        if places & seen:
+            raise NamedSetError(f"is the name of two arrays, {array.key} and another; each needs a name of its own")
+        seen |= places
 
 
 def _of_array(raw: RawMesh, array: NumberArray, test: Callable[[Any], Any]) -> Ints:

@@ -37,8 +37,14 @@ class MeshFaultError(Exception):
     """What is wrong with a mesh file, in one sentence that goes on after its name. set_name: with which set of it."""
 
     def __init__(self, message: str, set_name: str | None = None) -> None:
-        self.message, self.set_name = message, set_name
-        super().__init__(message)
+        self.message, self.set_name = printable(message), set_name
+        super().__init__(self.message)
+
+
+def printable(text: str) -> str:
+    """The text in one line, with what a terminal or a page would act upon (line ends, marks of direction, escapes)
+    written out."""
+    return "".join(c if c.isprintable() else c.encode("unicode_escape").decode() for c in text)
 
 
 @dataclass(frozen=True)
@@ -64,6 +70,11 @@ def read_body(data: bytes, suffix: str, wanted: tuple[str, ...] | None, unit_mm:
 
     Raises MeshFaultError.
     """
+    with np.errstate(all="ignore"):  # what overflows or is no number is refused where it counts
+        return _sound_body(data, suffix, wanted, unit_mm)
+
+
+def _sound_body(data: bytes, suffix: str, wanted: tuple[str, ...] | None, unit_mm: float | None) -> Body:
     kind, read = FORMATS[suffix]
     try:
         raw = read(data)
@@ -98,7 +109,7 @@ def _tetrahedra(raw: RawMesh) -> Ints:
     if others:
         raise MeshFaultError(f"must hold linear tetrahedra and no other solid cells; it holds {', '.join(others)}")
     if not solids:
-        held = ", ".join(sorted({block.kind for block in raw.blocks})) or "no cells"
+        held = ", ".join(sorted({block.kind for block in raw.blocks if len(block.nodes)})) or "no cells"
         raise MeshFaultError(f"must hold tetrahedra; it holds {held}")
     tets: Ints = np.concatenate([block.nodes for block in solids]).astype(np.int64)
     if len(tets) > MAXIMUM_TETS:

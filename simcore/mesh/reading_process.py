@@ -50,6 +50,9 @@ def main(request: str) -> None:
         packed = json.dumps({"fault": fault.message, "set": fault.set_name}).encode() + b"\n"
     except MemoryError:
         packed = json.dumps({"fault": f"takes more than {MEMORY_MB} MB to read", "set": None}).encode() + b"\n"
+    except Exception as error:  # noqa: BLE001 -- whatever a file does to its reader, its user gets one sentence
+        reason = f"cannot be read: its reader stopped at something unforeseen ({type(error).__name__})"
+        packed = json.dumps({"fault": reason, "set": None}).encode() + b"\n"
     sys.stdout.buffer.write(packed)
     sys.stdout.buffer.flush()
 

@@ -58,7 +58,9 @@ class MeshSummary:
 def summary_of(path: str, unit_mm: float | None = None) -> MeshSummary:
     """The summary of a file; unit_mm: None to guess it. Raises ScenarioError for a file that cannot be used."""
     body = body_of(path)
-    unit = guessed_unit_mm(np.ptp(body.points, axis=0)) if unit_mm is None else unit_mm
+    with np.errstate(over="ignore", invalid="ignore"):  # of any size, looked at below
+        extents = np.ptp(body.points, axis=0)
+    unit = guessed_unit_mm(extents) if unit_mm is None else unit_mm
     mesh = load_mesh(path, unit_mm=unit, names=(), sha256=None)
     shapes = shapes_of(mesh.nodes_m, mesh.tets)
     low, high = (1e3 * end(axis=0) for end in (mesh.nodes_m.min, mesh.nodes_m.max))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from typing import TYPE_CHECKING, Any, Literal, Protocol
 
 import numpy as np
@@ -12,6 +13,20 @@ if TYPE_CHECKING:
     from numpy.typing import DTypeLike
 
 CHUNK = 200_000  # numbers that are turned from text at once
+LONGEST_LINE = 10_000  # bytes of a line between binary numbers
+LONGEST_INTEGER = 18  # characters: it fits in 64 bits
+_NOT_BLANK = re.compile(rb"\S")
+
+
+class WordError(ValueError):
+    """A word that is no number of the type that is asked for."""
+
+    def __init__(self, word: bytes, dtype: np.dtype[Any]) -> None:
+        self.word = word
+        kind = "an integer" if dtype.kind in "iu" else "a number"
+        if dtype.kind in "iu" and re.fullmatch(rb"[+-]?[0-9]+", word):
+            kind += f" from {np.iinfo(dtype).min} to {np.iinfo(dtype).max}"
+        super().__init__(f"{as_text(word)[:40]!r} is not {kind}")
 
 
 class Cursor(Protocol):
@@ -35,6 +50,7 @@ class TextCursor:
         self._words: list[bytes] = []  # of the current line
         self._next = 0
         self._comment = comment
+        self._altered = False  # whether the words are not those of the line
         self.number = 0
 
     def fault(self, reason: str) -> FormatError:
@@ -45,13 +61,15 @@ class TextCursor:
     def at_end(self) -> bool:
         """Whether nothing but empty lines follows."""
         while self._next >= len(self._words) and self.number < len(self._lines):
-            self._words, self._next = self._split(self._lines[self.number]), 0
+            self._words, self._next, self._altered = self._split(self._lines[self.number]), 0, False
             self.number += 1
         return self._next >= len(self._words)
 
     def line(self) -> str:
-        """The next line that is not empty, or what is left of the current one."""
-        return as_text(b" ".join(self._taken(None)))
+        """The next line that is not empty, with the blanks inside it, or the words that are left of the current one."""
+        words = self._taken(None)
+        whole = len(words) == len(self._words) and not self._altered
+        return as_text(self._uncommented(self._lines[self.number - 1]).strip() if whole else b" ".join(words))
 
     def word(self) -> str:
         """The next word."""
@@ -60,6 +78,7 @@ class TextCursor:
     def put_back(self, line: str) -> None:
         """Make `line` what comes next."""
         self._words, self._next = [*line.encode().split(), *self._words[self._next :]], 0
+        self._altered = True
 
     def numbers(self, count: int, dtype: DTypeLike) -> Any:
         """Across line ends."""
@@ -90,17 +109,18 @@ class TextCursor:
             self.number += 1
 
     def _split(self, line: bytes) -> list[bytes]:
-        return (line.split(self._comment, 1)[0] if self._comment else line).split()
+        return self._uncommented(line).split()
+
+    def _uncommented(self, line: bytes) -> bytes:
+        return line.split(self._comment, 1)[0] if self._comment else line
 
     def _converted(self, words: list[bytes], dtype: DTypeLike, begin: int) -> Any:
         try:
-            return np.array(words, np.dtype(dtype))
-        except (ValueError, OverflowError):
-            wrong = next((word for word in words if not _is_number(word, dtype)), words[0])
+            return parsed(words, dtype)
+        except WordError as error:
             lines = range(max(begin - 1, 0), self.number)
-            self.number = 1 + next((i for i in lines if wrong in self._split(self._lines[i])), self.number - 1)
-            kind = "an integer" if np.dtype(dtype).kind in "iu" else "a number"
-            raise self.fault(f"{as_text(wrong)[:40]!r} is not {kind}") from None
+            self.number = 1 + next((i for i in lines if error.word in self._split(self._lines[i])), self.number - 1)
+            raise self.fault(f"{error}") from None
 
 
 class BinaryCursor:
@@ -117,14 +137,14 @@ class BinaryCursor:
     @property
     def at_end(self) -> bool:
         """Whether nothing but blanks follows."""
-        return not self.data[self.at : self.at + 100_000].strip()
+        return _NOT_BLANK.search(self.data, self.at) is None
 
     def line(self) -> str:
         """The next line that is not empty."""
-        while self.at < len(self.data):
-            end = self.data.find(b"\n", self.at)
+        while (start := _NOT_BLANK.search(self.data, self.at)) is not None:
+            end = self.data.find(b"\n", start.start())
             end = len(self.data) if end < 0 else end
-            text = as_text(self.data[self.at : end][:10_000]).strip()
+            text = as_text(self.data[start.start() : min(end, start.start() + LONGEST_LINE)]).strip()
             self.at = end + 1
             if text:
                 return text
@@ -139,11 +159,11 @@ class BinaryCursor:
         self.at += count * kind.itemsize
         return values.astype(np.dtype(dtype))
 
-    def skip_past(self, mark: bytes) -> None:
-        """To behind the next `mark`."""
+    def skip_past(self, mark: bytes, name: str = "") -> None:
+        """To behind the next `mark`. name: what a sentence calls it."""
         found = self.data.find(mark, self.at)
         if found < 0:
-            raise self.fault(f"{as_text(mark)} is missing")
+            raise self.fault(f"{name or as_text(mark)} is missing")
         self.at = found + len(mark)
 
 
@@ -155,9 +175,26 @@ def as_text(data: bytes) -> str:
         return data.decode("cp1252", "replace")
 
 
-def _is_number(word: bytes, dtype: DTypeLike) -> bool:
+def parsed(words: list[bytes], dtype: DTypeLike) -> Any:
+    """The numbers that words are. Raises WordError for the first that is none."""
+    kind = np.dtype(dtype)
     try:
-        np.array([word], np.dtype(dtype))
+        return _as_numbers(words, kind)
+    except (ValueError, OverflowError):
+        wrong = next((word for word in words if not _is_number(word, kind)), words[0])
+        raise WordError(wrong, kind) from None
+
+
+def _as_numbers(words: list[bytes], kind: np.dtype[Any]) -> Any:
+    """Raises ValueError and OverflowError, for 1_000 too, which is a number to Python alone."""
+    if b"_" in b"".join(words):
+        raise ValueError
+    return np.array(words, kind)
+
+
+def _is_number(word: bytes, kind: np.dtype[Any]) -> bool:
+    try:
+        _as_numbers([word], kind)
     except (ValueError, OverflowError):
         return False
     return True
@@ -165,6 +202,8 @@ def _is_number(word: bytes, dtype: DTypeLike) -> bool:
 
 def integer(cursor: Cursor, text: str) -> int:
     """The integer that `text` is. Raises FormatError."""
-    if not text.strip().lstrip("+-").isdecimal() or len(text) > 30:
+    if not re.fullmatch(r"[+-]?[0-9]+", text):
         raise cursor.fault(f"{text[:40]!r} is not an integer")
+    if len(text) > LONGEST_INTEGER:
+        raise cursor.fault(f"{text[:40]} is too large an integer")
     return int(text)

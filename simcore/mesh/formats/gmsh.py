@@ -71,7 +71,11 @@ def assembled(content: Content) -> RawMesh:
     raw.arrays += [_group_array(kept, dimension) for dimension in range(4)]
     _name_groups(raw, content.names, kept)
     for name, at_nodes, of, values in content.data:
-        raw.arrays.append(_data_array(name, at_nodes, numbers if at_nodes else [b.numbers for b in kept], of, values))
+        every = [numbers] if at_nodes else [elements.numbers for elements in kept]
+        raw.arrays.append(_data_array(name, at_nodes, every, of, values))
+        if unknown := int(np.count_nonzero(~np.isin(of, np.concatenate([*every, np.zeros(0, np.int64)])))):
+            what = "nodes" if at_nodes else "elements"
+            raw.remarks.append(f"{unknown} numbers of {name[:100]!r} are left out: their {what} are not in the file")
     if content.repeats:
         _drop_repeated(raw, kept)
     return raw
@@ -101,20 +105,25 @@ def _name_groups(raw: RawMesh, names: list[tuple[int, int, str]], blocks: list[E
         if not filled:
             raw.refused[name] = "is a physical group without an element (Gmsh's format 2 loses them with Mesh.SaveAll)"
         elif len(filled) > 1:
-            raw.refused[name] = "is the name of groups of different dimensions; each needs a name of its own"
+            raw.refused[name] = "is the name of several groups; each needs a name of its own"
         else:
             raw.cell_sets[name] = filled[0]
 
 
-def _data_array(name: str, at_nodes: bool, numbers: Any, of: Ints, values: Floats) -> NumberArray:
+def _data_array(name: str, at_nodes: bool, numbers: list[Ints], of: Ints, values: Floats) -> NumberArray:
+    """numbers: of the nodes, or of each block's elements. of: those that have the values. Raises FormatError."""
+    what = "nodes" if at_nodes else "elements"
+    if len(np.unique(of)) < len(of):
+        raise FormatError(f"has data of the name {name[:40]!r} that give two values to one of the {what}")
+
     def placed(every: Ints) -> Floats:
         out = np.zeros(len(every))
         known = np.isin(of, every)
         if known.any():
-            out[rows_of(every, of[known], "data")] = values[known]
+            out[rows_of(every, of[known], "data", what)] = values[known]
         return out
 
-    arrays = [placed(numbers)] if at_nodes else [placed(every) for every in numbers]
+    arrays = [placed(every) for every in numbers]
     return NumberArray(f"{'node' if at_nodes else 'element'}:{name}", name, at_points=at_nodes, values=arrays)
 
 

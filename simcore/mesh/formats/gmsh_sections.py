@@ -15,7 +15,7 @@ from simcore.mesh.formats.raw import CellBlock, check_points, integers
 if TYPE_CHECKING:
     from simcore.arrays import Ints
 
-_NAME = re.compile(r'(\d+)\s+(-?\d+)\s+"(.*)"')
+_NAME = re.compile(r'([0-9]+)\s+(-?[0-9]+)\s+"(.*)"')
 
 
 def read_sections(cursor: TextCursor | BinaryCursor, version: str, size: int) -> Content:
@@ -78,7 +78,7 @@ class _Kinds:
         blocks, total = self.sizes(cursor, 4 if self.newer else 2)[:2]
         check_points(total)
         for _ in range(blocks):
-            dimension, parametric, count = self._block(cursor, element=False)
+            dimension, _entity, parametric, count = self._block(cursor)
             check_points(count)
             if not 0 <= dimension <= 3 or parametric not in (0, 1):
                 raise cursor.fault("is no head of a block of nodes")
@@ -97,29 +97,33 @@ class _Kinds:
         """Blocks of the elements of one entity and type each; the groups are those of the entity."""
         blocks, total = self.sizes(cursor, 4 if self.newer else 2)[:2]
         for _ in range(blocks):
-            entity, kind, count = self._block(cursor, element=True)
+            of, entity, kind, count = self._block(cursor)
             if kind not in ELEMENTS:
                 raise cursor.fault(f"elements of Gmsh's type {kind} are not known")
             width = 1 + ELEMENTS[kind][1]
             dtype = self.size if self.newer else np.int32
             rows = cursor.numbers(count * width, dtype).astype(np.int64).reshape(count, width)
-            dimension = CellBlock(ELEMENTS[kind][0], rows).dimension
+            block = CellBlock(ELEMENTS[kind][0], rows)
+            if (dimension := block.dimension) != of:
+                raise cursor.fault(f"an entity of dimension {of} cannot have elements of the kind {block.name}")
             groups = content.entity_groups.get((dimension, entity), ())
             content.elements.append(Elements(kind, rows[:, 0], rows[:, 1:], groups))
         if sum(len(block.numbers) for block in content.elements) != total:
             raise cursor.fault(f"{total} elements were announced, the blocks hold another number")
 
-    def _block(self, cursor: TextCursor | BinaryCursor, *, element: bool) -> tuple[int, int, int]:
-        """Of nodes: dimension, whether parametric, count; of elements: entity, type, count."""
+    def _block(self, cursor: TextCursor | BinaryCursor) -> tuple[int, int, int, int]:
+        """Dimension, entity, whether nodes are parametric or the type of elements, count."""
         first, second, third = (int(n) for n in cursor.numbers(3, np.int32))
         (count,) = self.sizes(cursor, 1)
         if not self.newer:  # entity before dimension
             first, second = second, first
-        return (second, third, count) if element else (first, third, count)
+        return first, second, third, count
 
 
 def _read_entities(cursor: TextCursor | BinaryCursor, content: Content, kinds: _Kinds) -> None:
     """Of each: number, place, physical groups, and what bounds it."""
+    if content.elements or content.entity_groups:
+        raise cursor.fault("$Entities must come once, before $Elements")
     for dimension, count in enumerate(kinds.sizes(cursor, 4)):
         for _ in range(count):
             (entity,) = (int(n) for n in cursor.numbers(1, np.int32))
@@ -127,6 +131,8 @@ def _read_entities(cursor: TextCursor | BinaryCursor, content: Content, kinds: _
             groups = _groups(cursor, kinds)
             if dimension > 0:
                 _groups(cursor, kinds)  # what bounds it is written in the same way
+            if (dimension, entity) in content.entity_groups:
+                raise cursor.fault(f"entity {entity} of dimension {dimension} is defined a second time")
             content.entity_groups[dimension, entity] = tuple(sorted({abs(int(g)) for g in groups}))
 
 
@@ -145,6 +151,8 @@ def _read_data(cursor: TextCursor | BinaryCursor, content: Content, *, at_nodes:
     if not texts or len(tags) < 3 or tags[1] not in (1, 3, 9):
         raise cursor.fault("the data need a name, and a step, a number of components (1, 3 or 9) and a count")
     width, count = tags[1], tags[2]
+    if count < 0:
+        raise cursor.fault(f"{count} is not a count")
     if isinstance(cursor, TextCursor):
         rows = cursor.numbers(count * (1 + width), np.float64).reshape(count, 1 + width)
         numbers, values = rows[:, 0], rows[:, 1:]

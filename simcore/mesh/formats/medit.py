@@ -41,7 +41,7 @@ def read_medit(data: bytes) -> RawMesh:
     for block in raw.blocks:
         if len(block.nodes) and (block.nodes.min() < 0 or block.nodes.max() >= len(raw.points)):
             wrong = block.nodes.max() if block.nodes.max() >= len(raw.points) else block.nodes.min()
-            raise FormatError(f"has a {block.name} with node {wrong + 1}; its points are 1 to {len(raw.points)}")
+            raise FormatError(f"has a {block.name} with node {int(wrong) + 1}; its points are 1 to {len(raw.points)}")
     raw.arrays = [
         ref if ref.at_points else NumberArray(ref.key, ref.alias, at_points=False, values=_padded(ref, len(raw.blocks)))
         for ref in refs

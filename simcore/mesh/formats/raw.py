@@ -81,14 +81,16 @@ class RawMesh:
     ignores_case: bool = False
 
 
-def rows_of(numbers: Ints, wanted: Ints, what: str) -> Ints:
-    """Rows of the points that have the numbers `wanted`, in its shape. Raises FormatError for a number that none has
-    and for one that two have."""
+def rows_of(numbers: Ints, wanted: Ints, what: str, of: str = "nodes") -> Ints:
+    """Rows of the points, or of what else `of` names, that have the numbers `wanted`, in its shape.
+
+    Raises FormatError for a number that none has and for one that two have.
+    """
     order = np.argsort(numbers, kind="stable")
     ascending = numbers[order]
     twice = np.flatnonzero(ascending[1:] == ascending[:-1])
     if len(twice):
-        raise FormatError(f"has two nodes with the number {ascending[twice[0]]}")
+        raise FormatError(f"has two {of} with the number {ascending[twice[0]]}")
     if not len(wanted):
         return np.zeros(wanted.shape, np.int64)
     if not len(ascending):

@@ -50,19 +50,29 @@ class _Reader:
         self.points: Floats | None = None
         self.connectivity = self.offsets = self.types = np.zeros(0, np.int64)
         self.data: list[tuple[bool, str, Any]] = []
+        self.sections = set[str]()  # those that come once, as far as they came
         self.place = ""  # POINT_DATA or CELL_DATA
         self.count = 0
 
     def mesh(self) -> RawMesh:
         """The mesh. Raises FormatError."""
         while not self.cursor.at_end:
-            words = self.cursor.line().split()
+            words = self._words()
             self._section(words[0].upper(), words)
         if self.points is None:
             raise FormatError("has no POINTS")
         return mesh_of_cells(self.points, self.connectivity, self.offsets, self.types, self.data)
 
+    def _words(self) -> list[str]:
+        """Those of the next line, at least one."""
+        line = self.cursor.line()
+        return line.split() or [line]
+
     def _section(self, name: str, words: list[str]) -> None:
+        if name in self.sections:
+            raise self.cursor.fault(f"{name} comes a second time")
+        if name in ("DATASET", "POINTS", "CELLS", "CELL_TYPES"):
+            self.sections.add(name)
         if name == "DATASET":
             if words[1:] != ["UNSTRUCTURED_GRID"]:
                 raise self.cursor.fault(f"must be a grid of type UNSTRUCTURED_GRID; it is {' '.join(words[1:])[:40]}")
@@ -87,7 +97,7 @@ class _Reader:
         elif name == "SCALARS":
             self._scalars(words)
         elif name in WIDTHS:
-            self._keep(words[1], WIDTHS[name], self._values(words, 2, WIDTHS[name] * self.count))
+            self._keep(self._name(words), WIDTHS[name], self._values(words, 2, WIDTHS[name] * self.count))
         elif name == "LOOKUP_TABLE":
             size, kind = self._number(words, 2), np.float32 if isinstance(self.cursor, TextCursor) else np.uint8
             self.cursor.numbers(4 * size, kind)
@@ -97,11 +107,11 @@ class _Reader:
     def _cells(self, count: int, size: int) -> None:
         line = self.cursor.line() if isinstance(self.cursor, TextCursor) else self._peeked()
         if line.startswith("OFFSETS"):
-            offsets = self._values(line.split(), 1, count).astype(np.int64)
+            offsets = self._integers(line.split(), count)
             line = self.cursor.line()
             if not line.startswith("CONNECTIVITY"):
                 raise self.cursor.fault("must be CONNECTIVITY")
-            self.offsets, self.connectivity = offsets, self._values(line.split(), 1, size).astype(np.int64)
+            self.offsets, self.connectivity = offsets, self._integers(line.split(), size)
             return
         if isinstance(self.cursor, TextCursor):
             self.cursor.put_back(line)
@@ -109,6 +119,8 @@ class _Reader:
 
     def _counted_cells(self, numbers: Ints, count: int) -> None:
         """Of each cell the count of its nodes, then they."""
+        if count > len(numbers):
+            raise self.cursor.fault(f"{count} cells are announced with {len(numbers)} numbers in all")
         starts, at = np.zeros(count, np.int64), 0
         for cell in range(count):
             if at >= len(numbers) or numbers[at] < 0:
@@ -131,17 +143,19 @@ class _Reader:
         return ""
 
     def _scalars(self, words: list[str]) -> None:
-        width = int(words[3]) if len(words) > 3 and words[3] in ("1", "2", "3", "4") else 1
+        width = self._number(words, 3) if len(words) > 3 else 1
+        if not 1 <= width <= 4:
+            raise self.cursor.fault(f"SCALARS have 1 to 4 components, not {width}")
         if not self.cursor.line().startswith("LOOKUP_TABLE"):
             raise self.cursor.fault("must be LOOKUP_TABLE")
-        self._keep(words[1], width, self._values(words, 2, width * self.count))
+        self._keep(self._name(words), width, self._values(words, 2, width * self.count))
 
     def _field(self, words: list[str]) -> None:
         for _ in range(self._number(words, 2)):
-            head = self.cursor.line().split()
+            head = self._words()
             while head[0] == "METADATA":
                 self._skip_metadata()
-                head = self.cursor.line().split()
+                head = self._words()
             width, count = self._number(head, 1), self._number(head, 2)
             values = self._values(head, 3, width * count)
             if self.place and count == self.count:
@@ -154,9 +168,22 @@ class _Reader:
     def _skip_metadata(self) -> None:
         """To the empty line at its end."""
         if isinstance(self.cursor, BinaryCursor):
-            self.cursor.skip_past(b"\n\n")
+            self.cursor.skip_past(b"\n\n", "the empty line that ends METADATA")
         else:
             self.cursor.skip_to_empty_line()
+
+    def _name(self, words: list[str]) -> str:
+        if len(words) < 2:
+            raise self.cursor.fault(f"{words[0][:40]!r} lacks a name")
+        return words[1]
+
+    def _integers(self, words: list[str], count: int) -> Ints:
+        """Of the type that stands behind the first word."""
+        kind = words[1].lower() if len(words) > 1 else ""
+        if TYPES.get(kind, "i")[0] == "f":
+            raise self.cursor.fault(f"{words[0]} of type {kind!r} are not integers")
+        values: Ints = self._values(words, 1, count).astype(np.int64)
+        return values
 
     def _number(self, words: list[str], place: int) -> int:
         if place >= len(words):

@@ -26,6 +26,8 @@ def mesh_of_cells(
 ) -> RawMesh:
     """Points (n, 3); nodes of all cells one after the other; where each cell begins and the last ends (c + 1,); VTK's
     types (c,); arrays (at the points, name, values). Raises FormatError."""
+    if ((offsets < 0) | (offsets > len(connectivity))).any():
+        raise FormatError(f"has cells whose offsets are not from 0 to {len(connectivity)}, the count of their nodes")
     counts = np.diff(offsets)
     if len(offsets) != len(types) + 1 or offsets[0] != 0 or offsets[-1] != len(connectivity) or (counts < 0).any():
         raise FormatError("has cells whose offsets, types and nodes do not fit together")
@@ -49,6 +51,9 @@ def mesh_of_cells(
         members.append(its)
     raw = RawMesh(points, blocks, remarks=remarks)
     for at_points, name, values in data:
+        if len(values) != (expected := len(points) if at_points else len(types)):
+            at = "points" if at_points else "cells"
+            raise FormatError(f"has the array {name!r} with {len(values)} numbers for {expected} {at}")
         of = [values] if at_points else [values[its] for its in members]
         raw.arrays.append(NumberArray(f"{'point' if at_points else 'cell'}:{name}", name, at_points, of))
     return raw

@@ -12,6 +12,7 @@ from xml.etree import ElementTree
 
 import numpy as np
 
+from simcore.mesh.formats.cursor import parsed
 from simcore.mesh.formats.raw import FormatError, RawMesh, check_points
 from simcore.mesh.formats.vtk_cells import mesh_of_cells
 
@@ -23,17 +24,23 @@ TYPES = {
     "UInt64": "u8", "Float32": "f4", "Float64": "f8",
 }  # fmt: skip
 COMPRESSORS = {"": None, "vtkZLibDataCompressor": "zlib", "vtkLZMADataCompressor": "lzma"}
+HEADERS = {"UInt32": "u4", "UInt64": "u8"}  # types of the sizes before an array
+ORDERS = {"LittleEndian": "<", "BigEndian": ">"}
 MAXIMUM_CELLS = 8_000_000
+LZMA_BYTES = 256 * 2**20  # of its dictionary
+_OUT_OF_MEMORY = 1  # expat's code
 
 
 def read_vtu(data: bytes) -> RawMesh:
     """The mesh in the content of a .vtu file. Raises FormatError."""
     text, appended = _without_appended(data)
     if re.search(rb"<!(DOCTYPE|ENTITY)", text):
-        raise FormatError("declares a document type or entities, which no mesh needs")
+        raise _document_type()
     try:
-        root = ElementTree.fromstring(text)
+        root = ElementTree.fromstring(text, ElementTree.XMLParser(target=_Builder()))
     except (ElementTree.ParseError, ValueError, LookupError) as error:
+        if getattr(error, "code", None) == _OUT_OF_MEMORY:
+            raise MemoryError from None
         line = getattr(error, "position", (1, 0))[0]
         raise FormatError(f"line {line}: is not well-formed XML") from None
     if root.tag != "VTKFile" or root.get("type") != "UnstructuredGrid":
@@ -57,20 +64,39 @@ def _without_appended(data: bytes) -> tuple[bytes, bytes]:
 
 def _count(element: ElementTree.Element, name: str) -> int:
     text = element.get(name, "0")
-    if not re.fullmatch(r"\s*\d{1,15}\s*", text):
+    if not re.fullmatch(r"\s*[0-9]{1,15}\s*", text):
         raise FormatError(f"has {name}={text[:40]!r}, which is no count")
     return int(text)
+
+
+def _choice(element: ElementTree.Element, name: str, default: str, choices: dict[str, str]) -> str:
+    text = element.get(name, default)
+    if text not in choices:
+        raise FormatError(f"has {name}={text[:40]!r}; {' and '.join(choices)} are read")
+    return choices[text]
+
+
+class _Builder(ElementTree.TreeBuilder):
+    """Of elements; a document type, in whatever encoding, is refused before its entities can be used."""
+
+    def doctype(self, *_declared: str | None) -> None:
+        """Raises FormatError."""
+        raise _document_type()
+
+
+def _document_type() -> FormatError:
+    return FormatError("declares a document type or entities, which no mesh needs")
 
 
 class _Reader:
     """Turns DataArray elements into arrays."""
 
     def __init__(self, root: ElementTree.Element, appended: bytes) -> None:
-        self.order = ">" if root.get("byte_order") == "BigEndian" else "<"
-        self.header = np.dtype(self.order + TYPES.get(root.get("header_type", "UInt32"), "u4"))
+        self.order = _choice(root, "byte_order", "LittleEndian", ORDERS)
+        self.header = np.dtype(self.order + _choice(root, "header_type", "UInt32", HEADERS))
         compressor = root.get("compressor", "")
         if compressor not in COMPRESSORS:
-            raise FormatError(f"is compressed with {compressor[:40]}; zlib, LZMA and no compression are read")
+            raise FormatError(f"is compressed with {compressor[:40]!r}; zlib, LZMA and no compression are read")
         self.compression = COMPRESSORS[compressor]
         encoding = root.find("AppendedData")
         self.appended, self.raw = appended, encoding is not None and encoding.get("encoding") == "raw"
@@ -123,19 +149,30 @@ class _Reader:
         dtype = np.dtype(self.order + TYPES[kind])
         try:
             if form == "ascii":
-                values = np.array((element.text or "").split(), dtype.newbyteorder("="))
+                values = parsed((element.text or "").encode().split(), dtype.newbyteorder("="))
             else:
                 values = np.frombuffer(self._bytes(element, form, count * dtype.itemsize), dtype)
-        except (ValueError, OverflowError, IndexError, binascii.Error, zlib.error, lzma.LZMAError) as error:
-            raise FormatError(f"has the array {name!r}, which cannot be read: {str(error)[:80]}") from None
+        except binascii.Error:
+            raise FormatError(f"has the array {name!r}, which is not in base64") from None
+        except (zlib.error, lzma.LZMAError):
+            raise FormatError(f"has the array {name!r}, of which a compressed block is damaged") from None
+        except ValueError as error:
+            raise FormatError(f"has the array {name!r}, which cannot be read: {error}") from None
         if len(values) != count:
             raise FormatError(f"has the array {name!r} with {len(values)} numbers instead of {count}")
         return values.astype(dtype.newbyteorder("="))
 
     def _bytes(self, element: ElementTree.Element, form: str, size: int) -> bytes:
-        """The bytes of an array, never more than one beyond `size`."""
+        """The bytes of an array. Raises ValueError where they are not `size`; no more than one beyond is unpacked."""
+        data = self._stored(element, form, size)
+        if len(data) != size:
+            held = f"more than {size}" if len(data) > size else f"{len(data)}"
+            raise ValueError(f"it holds {held} bytes instead of {size}")
+        return data
+
+    def _stored(self, element: ElementTree.Element, form: str, size: int) -> bytes:
         if form == "binary":
-            return self._decoded((element.text or "").strip().encode(), size, raw=False)
+            return self._decoded("".join((element.text or "").split()).encode(), size, raw=False)
         if form != "appended":
             raise ValueError(f"its format is {form[:20]!r}")
         offset = _count(element, "offset")
@@ -162,11 +199,16 @@ class _Reader:
         for length in sizes:
             block = packed[at : at + length]
             at += int(length)
-            opened: Any = zlib.decompressobj() if self.compression == "zlib" else lzma.LZMADecompressor()
+            opened: Any = zlib.decompressobj() if self.compression == "zlib" else _lzma()
             out += opened.decompress(block, size + 1 - len(out))
             if not opened.eof or len(out) > size:
                 raise ValueError("a compressed block is cut off or holds more than is announced")
         return bytes(out)
+
+
+def _lzma() -> lzma.LZMADecompressor:
+    """With little memory: a header of a few bytes may ask for gigabytes."""
+    return lzma.LZMADecompressor(memlimit=LZMA_BYTES)
 
 
 def _taken(data: bytes, start: int, length: int, *, raw: bool) -> bytes:

@@ -13,6 +13,8 @@ import pytest
 from click.testing import CliRunner
 
 from service.cli.main import main
+from service.cli.meshes import as_text
+from simcore.mesh.summary import MeshSummary
 from simcore.scenario.presets import start, with_changes
 from simcore.scenario.scenario import Scenario
 
@@ -75,3 +77,10 @@ def test_a_mesh_that_cannot_be_used_is_refused(name: str) -> None:
     assert result.exit_code == 2
     assert result.stdout == ""
     assert result.stderr.startswith("needlebench: tissue.mesh_file = ")
+
+
+def test_a_name_cannot_act_upon_the_terminal() -> None:
+    none: list[float] = []
+    sets: dict[str, int | str] = {"a\x1b[31m": 3}
+    summary = MeshSummary("0" * 64, 1.0, False, 5, 2, none, none, 9.0, 0.5, 0.5, [], sets, [], ["b\u202e"], [])
+    assert all(line.isprintable() for line in as_text("a.msh", summary).split("\n"))
