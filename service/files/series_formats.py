@@ -11,13 +11,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from service.files.strict_json import without_nan
-from simcore.errors import ARCHIVE_ERRORS, NeedlebenchError
+from simcore.errors import ARCHIVE_ERRORS, NeedlebenchError, Problem, ScenarioError
+from simcore.rollout.table import columns_of, rows_of
 
 if TYPE_CHECKING:
     from pathlib import Path
 
 Arrays = dict[str, NDArray[np.generic]]
-_AXES = {3: ("x", "y", "z"), 4: ("w", "x", "y", "z")}
 
 
 class DamagedSeriesError(NeedlebenchError):
@@ -42,8 +42,7 @@ def load(path: Path, names: list[str] | None = None) -> Arrays:
         return arrays
     if "t_s" not in arrays:
         raise DamagedSeriesError("is damaged: the times of its steps are missing")
-    rows = len(arrays["t_s"])
-    return {name: array for name, array in arrays.items() if array.ndim in (1, 2) and len(array) == rows}
+    return rows_of(arrays)
 
 
 def as_json(arrays: Arrays) -> str:
@@ -56,18 +55,21 @@ def as_csv(arrays: Arrays) -> str:
 
     Raises ValueError for arrays that do not have the same number of rows.
     """
-    if len({len(array) for array in arrays.values()}) > 1:
-        raise ValueError("the arrays of one CSV must have the same number of rows")
-    header: list[str] = []
-    columns: list[list[object]] = []
-    for name, array in arrays.items():
-        flat = array.reshape(len(array), -1)
-        width = flat.shape[1]
-        parts = _AXES.get(width, tuple(str(i) for i in range(width)))
-        header += [name] if array.ndim == 1 else [f"{name}_{part}" for part in parts]
-        columns += [column.tolist() for column in flat.T]
+    columns = columns_of(arrays)
     text = io.StringIO()
     writer = csv.writer(text)
-    writer.writerow(header)
-    writer.writerows(zip(*columns, strict=True))
+    writer.writerow(columns)
+    writer.writerows(zip(*(column.tolist() for column in columns.values()), strict=True))
     return text.getvalue()
+
+
+def write_parquet(arrays: Arrays, path: Path) -> None:
+    """The same table as a Parquet file. Raises ValueError as `as_csv` does, and ScenarioError without pyarrow."""
+    columns = columns_of(arrays)
+    try:
+        import pyarrow
+        from pyarrow import parquet
+    except ImportError:
+        problem = "needs pyarrow, which comes with recordings: pip install pyarrow"
+        raise ScenarioError([Problem("--to", "parquet", problem)]) from None
+    parquet.write_table(pyarrow.table(columns), path)

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 from simcore.provenance import provenance
 from simcore.rollout.cautions import run_warnings
 from simcore.rollout.digest import digest
+from simcore.rollout.table import columns_of, rows_of
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -57,6 +58,14 @@ class Rollout:
     def warnings(self) -> list[str]:
         """What the run showed that calls for a second look, beside what the scenario warns of."""
         return run_warnings(self.series, self.scenario)
+
+    def to_dataframe(self) -> Any:
+        """The series as a pandas DataFrame, one row a step, one column a component (tip_m_x ...), the time t_s as its
+        index; what has another number of rows, such as the frames of the tissue, stays in `series`. Raises
+        ModuleNotFoundError without pandas, which needlebench does not need."""
+        import pandas
+
+        return pandas.DataFrame(columns_of(rows_of(self.series))).set_index("t_s")
 
     def result(self) -> dict[str, Any]:
         """The content of result.json."""
