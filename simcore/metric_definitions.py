@@ -9,7 +9,7 @@ from __future__ import annotations
 from typing import NamedTuple
 
 UNIT_OF_SUFFIX = {"_mm": "mm", "_m": "m", "_n": "N", "_nm": "N m", "_s": "s", "_ms": "ms", "_mpa": "MPa", "_pa": "Pa"}
-UNITS = frozenset({*UNIT_OF_SUFFIX.values(), "1", "yes or no"})
+UNITS = frozenset({*UNIT_OF_SUFFIX.values(), "1", "J", "yes or no"})
 
 
 class Metric(NamedTuple):
@@ -297,4 +297,11 @@ SERIES = (
     SeriesArray("tissue_tets", "1", ("tetrahedra", "4"), "tetrahedra as rows of node numbers from 0"),
     SeriesArray("tissue_m", "m", ("frames", "nodes", "3"), "nodes in each recorded frame, the last state always one"),
     SeriesArray("tissue_frame_step", "1", ("frames",), "step of each frame"),
+    SeriesArray("shaft_m", "m", ("frames", "points", "3"), "axis of the needle from base to tip, three points a beam"),
+    SeriesArray(
+        "contact_points_m", "m", ("frames", "contacts", "3"), "constraint points; rows beyond those of a frame are NaN"
+    ),
+    SeriesArray("contact_forces_n", "N", ("frames", "contacts", "3"), "force of the needle on the tissue at each"),
+    SeriesArray("strain_energy_j", "J", ("frames",), "elastic energy of the tissue"),
+    SeriesArray("max_von_mises_pa", "Pa", ("frames",), "largest von Mises stress of a tetrahedron, damping left out"),
 )

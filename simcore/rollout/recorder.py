@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from functools import cached_property
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -16,6 +17,7 @@ from simcore.rollout.result import Rollout
 from simcore.rollout.series import SeriesBuilder
 from simcore.rotations import quaternion_from_matrix
 from simcore.scenario.scenario import ReachTrajectory
+from simcore.tissue.stored import stored
 from simcore.tissue.strain import strain_extremes
 from simcore.trajectory import Path, polyline_distance_m
 
@@ -69,7 +71,7 @@ class Recorder:
     def finished(self) -> Rollout:
         """What has been recorded so far, judged as it ended; shown to the observer."""
         status, message, builder = self.episode.status, self.episode.message, self.builder
-        series = builder.arrays(self.episode.state.bodies.x, self.episode.authority)
+        series = builder.arrays(replace(self.latest, **self._frame()), self.episode.authority)
         dt, done = self.scenario.dt_s, len(series["t_s"]) - 1
         rollout = Rollout(
             scenario=self.scenario,
@@ -158,10 +160,19 @@ class Recorder:
             shaft_m=self._shaft(),
             points_m=state.points_m.copy(),
             point_forces_n=state.point_forces_n.copy(),
-            tissue_m=state.bodies.x.copy() if frame else None,
             timing=timing,
+            **(self._frame() if frame else {"tissue_m": None}),
         )
-        return sealed(record)
+        self.latest = sealed(record)
+        return self.latest
+
+    def _frame(self) -> dict[str, Any]:
+        """What only frames have, of the state as it is now."""
+        tissue, x = self.insertion.tissue, self.episode.state.bodies.x
+        energy, von_mises = stored(
+            x, tissue.mesh.tets, tissue.gradients, tissue.volumes_m3, tissue.mu_pa, tissue.lambda_pa
+        )
+        return {"tissue_m": x.copy(), "strain_energy_j": energy, "max_von_mises_pa": von_mises}
 
     def _entry_drag_m(self) -> float:
         """How far the needle has dragged the tissue at the entry along the surface; the held nodes' motion apart."""

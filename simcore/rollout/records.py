@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, fields
 from typing import TYPE_CHECKING, Protocol, TypeVar
 
@@ -73,6 +74,8 @@ class StepRecord:
     point_forces_n: Floats  # (m, 3) force of the needle on the tissue at each
     tissue_m: Floats | None  # (nodes, 3) on recorded frames, else None
     timing: StepTiming
+    strain_energy_j: float = math.nan  # of the tissue, on recorded frames
+    max_von_mises_pa: float = math.nan  # of the tissue, on recorded frames
 
 
 def sealed(shown: Shown) -> Shown:

@@ -17,7 +17,15 @@ if TYPE_CHECKING:
     from simcore.scenario.scenario import Scenario
 
 TIMES = ("plant_s", "jacobian_s", "command_s", "recording_s")  # clock readings of a step, s
-FRAMES = ("tissue_m", "tissue_frame_step")  # kept tissue states and their steps
+FRAMES = (  # of the kept states, and their steps
+    "tissue_m",
+    "tissue_frame_step",
+    "shaft_m",
+    "contact_points_m",
+    "contact_forces_n",
+    "strain_energy_j",
+    "max_von_mises_pa",
+)
 DERIVED = ("min_det_f_at_m", "max_strain", "entry_drag_m", "needle_stress_pa")  # from the states of both bodies
 
 

@@ -48,8 +48,7 @@ class SeriesBuilder:
         self.rows: dict[str, list[Any]] = {name: [] for name in (*_COPIED, *TIMES)}
         self.lateral_sum_n: list[float] = []
         self.lateral_resultant_n: list[float] = []
-        self.frames: list[Floats] = []
-        self.frame_steps: list[int] = []
+        self.frames: list[StepRecord] = []
 
     def add(self, record: StepRecord, recording_s: float) -> None:
         """Take one record; the records of a run own their arrays."""
@@ -62,18 +61,15 @@ class SeriesBuilder:
         self.lateral_sum_n.append(float(np.linalg.norm(lateral, axis=1).sum()))
         self.lateral_resultant_n.append(float(np.linalg.norm(lateral.sum(axis=0))))
         if record.tissue_m is not None:
-            self.frames.append(record.tissue_m)
-            self.frame_steps.append(record.step)
+            self.frames.append(record)
 
-    def arrays(self, last_tissue_m: Floats, authority: list[Floats]) -> dict[str, NDArray[Any]]:
-        """The content of series.npz; the last good tissue state is always its last frame.
+    def arrays(self, last: StepRecord, authority: list[Floats]) -> dict[str, NDArray[Any]]:
+        """The content of series.npz. last: the last good state as a frame, which is always the last one.
 
         authority: of each state that the controller was asked in, (2, 2), from row 0 on.
         """
         last_step = len(self.rows["t_s"]) - 1
-        if self.frame_steps[-1] != last_step:
-            self.frames.append(last_tissue_m.copy())
-            self.frame_steps.append(last_step)
+        frames = self.frames if self.frames[-1].step == last_step else [*self.frames, last]
         return {
             **{name: np.array(values) for name, values in self.rows.items()},
             "lateral_sum_n": np.array(self.lateral_sum_n),
@@ -81,7 +77,7 @@ class SeriesBuilder:
             **authority_arrays(authority, last_step + 1),
             "tissue_rest_m": self.scene.tissue_rest_m,
             "tissue_tets": self.scene.tissue_tets,
-            **dict(zip(FRAMES, (np.array(self.frames), np.array(self.frame_steps)), strict=True)),
+            **frame_arrays(frames),
         }
 
     def timing(self, *, wall_s: float, simulated_s: float) -> dict[str, Any]:
@@ -100,6 +96,28 @@ class SeriesBuilder:
             "violation_max_m": float(np.max(self.rows["violation_m"])),
             "held_nodes": len(self.scene.held_nodes),
         }
+
+
+def frame_arrays(records: list[StepRecord]) -> dict[str, NDArray[Any]]:
+    """The arrays of FRAMES; rows of contact points beyond those of a state are NaN."""
+    values = (
+        np.array([record.tissue_m for record in records]),
+        np.array([record.step for record in records]),
+        np.array([record.shaft_m for record in records]),
+        _padded([record.points_m for record in records]),
+        _padded([record.point_forces_n for record in records]),
+        np.array([record.strain_energy_j for record in records]),
+        np.array([record.max_von_mises_pa for record in records]),
+    )
+    return dict(zip(FRAMES, values, strict=True))
+
+
+def _padded(parts: list[Floats]) -> Floats:
+    """(frames, most, 3) of arrays (m, 3)."""
+    out = np.full((len(parts), max((len(part) for part in parts), default=0), 3), np.nan)
+    for row, part in zip(out, parts, strict=True):
+        row[: len(part)] = part
+    return out
 
 
 def lateral_forces(record: StepRecord) -> Floats:

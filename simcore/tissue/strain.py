@@ -47,7 +47,7 @@ def strain_extremes(x: Floats, tets: Ints, gradients: Floats) -> StrainExtremes:
                 c[i, j] = f[0, i] * f[0, j] + f[1, i] * f[1, j] + f[2, i] * f[2, j]
         on = (c[0, 0] - 1.0) ** 2 + (c[1, 1] - 1.0) ** 2 + (c[2, 2] - 1.0) ** 2
         if on + 2.0 * (c[0, 1] ** 2 + c[0, 2] ** 2 + c[1, 2] ** 2) > screen:
-            low, high = _outer_eigenvalues(c)
+            low, high = outer_eigenvalues(c)
             largest = max(largest, np.sqrt(high) - 1.0, 1.0 - np.sqrt(max(low, 0.0)))
             # |stretch - 1| > largest needs |stretch^2 - 1| > 1 - (1 - largest)^2, and so ||C - I||
             screen = (1.0 - max(1.0 - largest, 0.0) ** 2) ** 2
@@ -55,7 +55,7 @@ def strain_extremes(x: Floats, tets: Ints, gradients: Floats) -> StrainExtremes:
 
 
 @kernel
-def _outer_eigenvalues(c: Floats) -> tuple[float, float]:
+def outer_eigenvalues(c: Floats) -> tuple[float, float]:
     """Smallest and largest eigenvalue of a symmetric matrix (3, 3), of its upper half, by its invariants.
 
     O. K. Smith, "Eigenvalues of a symmetric 3 x 3 matrix", Commun. ACM 4 (1961) 168.

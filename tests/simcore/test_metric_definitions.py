@@ -74,9 +74,11 @@ def test_every_array_of_the_series_is_described_with_its_shape(kind: str) -> Non
         "nodes": len(series["tissue_rest_m"]),
         "tetrahedra": len(series["tissue_tets"]),
         "frames": len(series["tissue_frame_step"]),
+        "points": series["shaft_m"].shape[1],
+        "contacts": series["contact_points_m"].shape[1],
     }
     for array in SERIES:
-        shape = tuple(sizes.get(size) or int(size) for size in array.shape)
+        shape = tuple(sizes[size] if size in sizes else int(size) for size in array.shape)
         assert series[array.name].shape == shape, array.name
         assert (series[array.name].dtype.kind == "b") == (array.unit == "yes or no"), array.name
 

@@ -63,12 +63,35 @@ def test_series_names_shapes_and_types(plain: Rollout) -> None:
         "tissue_tets": (2 * 4 * 4 * 6, 4),
         "tissue_m": (6, nodes, 3),
         "tissue_frame_step": (6,),
+        "shaft_m": (6, 25, 3),
+        "contact_points_m": (6, 6, 3),
+        "contact_forces_n": (6, 6, 3),
+        "strain_energy_j": (6,),
+        "max_von_mises_pa": (6,),
     }
     assert {name: array.shape for name, array in plain.series.items()} == shapes
     integers = {name for name, array in plain.series.items() if array.dtype.kind == "i"}
     assert integers == {"iterations", "tissue_tets", "tissue_frame_step"}
     assert plain.series["limited"].dtype == bool
-    assert all(np.isfinite(array).all() for name, array in plain.series.items() if name not in AUTHORITY)
+    padded = {"contact_points_m", "contact_forces_n"}
+    assert all(np.isfinite(array).all() for name, array in plain.series.items() if name not in {*AUTHORITY, *padded})
+
+
+def test_frames_have_the_needle_and_its_contacts(plain: Rollout) -> None:
+    """The shaft ends at base and tip; the forces on the tissue add up to the base's; strained tissue stores energy."""
+    series = plain.series
+    steps = series["tissue_frame_step"]
+    np.testing.assert_allclose(series["shaft_m"][:, 0], series["base_position_m"][steps], atol=1e-12)
+    np.testing.assert_allclose(series["shaft_m"][:, -1], series["tip_m"][steps], atol=1e-12)
+    points, forces = series["contact_points_m"], series["contact_forces_n"]
+    assert np.array_equal(np.isnan(points), np.isnan(forces))
+    counts = (~np.isnan(points[:, :, 0])).sum(axis=1)
+    assert (np.diff(counts) >= 0).all()
+    assert counts[-1] == points.shape[1]
+    np.testing.assert_allclose(np.nansum(forces, axis=1)[-1], series["base_force_n"][-1], atol=1e-4)
+    assert series["strain_energy_j"][0] == pytest.approx(0.0, abs=1e-12)
+    assert (np.diff(series["strain_energy_j"]) > 0.0).all()
+    assert series["max_von_mises_pa"][-1] > 100.0
 
 
 def test_row_0_is_the_initial_state(plain: Rollout) -> None:
