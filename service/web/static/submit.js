@@ -51,13 +51,13 @@ function put(field, entered) {
   else parts[0].value = entry === "json" ? JSON.stringify(chosen) : chosen;
 }
 
-const at = (data, path) => path.split(".").reduce((here, name) => here?.[name], data);
+const valueAt = (data, path) => path.split(".").reduce((here, name) => here?.[name], data);
 
 function fill(data) {
   unmark(form);
   for (const field of fields) {
     if (field.dataset.path.startsWith("@")) continue;
-    let entered = at(data, field.dataset.path);
+    let entered = valueAt(data, field.dataset.path);
     if (!["kind", "json"].includes(field.dataset.entry) && entered !== null && typeof entered === "object" && !Array.isArray(entered)) entered = undefined;
     put(field, entered);
   }
