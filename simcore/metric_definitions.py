@@ -258,9 +258,7 @@ SERIES = (
     SeriesArray("tip_seen_m", "m", ("rows", "3"), "tip that the controller saw, see `sensing`; in no digest"),
     SeriesArray("target_m", "m", ("rows", "3"), "target without noise, n_traj"),
     SeriesArray("target_noisy_m", "m", ("rows", "3"), "target that the controller saw"),
-    SeriesArray(
-        "command_position_m", "m", ("rows", "3"), "base position commanded in the step, before delay and limits"
-    ),
+    SeriesArray("command_position_m", "m", ("rows", "3"), "base position commanded, before delay and limits"),
     SeriesArray("command_rotation", "1", ("rows", "4"), "commanded orientation, quaternion wxyz"),
     SeriesArray("limited", "yes or no", ("rows",), "whether the robot's limits scaled the executed command"),
     SeriesArray("depth_m", "m", ("rows",), "inserted length of the needle, measured along the channel at rest"),
@@ -274,9 +272,7 @@ SERIES = (
     SeriesArray("min_det_f", "1", ("rows",), "smallest determinant of the deformation gradient"),
     SeriesArray("min_det_f_at_m", "m", ("rows", "3"), "centre at rest of the tetrahedron that has it; not digested"),
     SeriesArray("max_strain", "1", ("rows",), "largest |principal stretch - 1| of the tissue; not digested"),
-    SeriesArray(
-        "entry_drag_m", "m", ("rows",), "displacement of the tissue at the entry along the surface; not digested"
-    ),
+    SeriesArray("entry_drag_m", "m", ("rows",), "way of the tissue's entry along the surface; not digested"),
     SeriesArray("needle_stress_pa", "Pa", ("rows",), "largest stress of the needle; not digested"),
     SeriesArray("max_displacement_m", "m", ("rows",), "largest displacement of a tissue node"),
     SeriesArray("plant_s", "s", ("rows",), "wall time of the coupled step"),
@@ -289,8 +285,7 @@ SERIES = (
         "rcm_authority",
         "1",
         ("rows", "2", "2"),
-        "tip over base, sideways along x and y of the base's frame, with the remote centre kept; not digested; NaN "
-        "where the controller linearised nothing or nothing guides the shaft",
+        "tip over base, sideways along x and y of its frame, remote centre kept; not digested; NaN where it is unknown",
     ),
     SeriesArray("rcm_sigma_min", "1", ("rows",), "smallest singular value of rcm_authority; not digested"),
     SeriesArray("tissue_rest_m", "m", ("nodes", "3"), "nodes of the tissue at rest"),
@@ -298,9 +293,7 @@ SERIES = (
     SeriesArray("tissue_m", "m", ("frames", "nodes", "3"), "nodes in each recorded frame, the last state always one"),
     SeriesArray("tissue_frame_step", "1", ("frames",), "step of each frame"),
     SeriesArray("shaft_m", "m", ("frames", "points", "3"), "axis of the needle from base to tip, three points a beam"),
-    SeriesArray(
-        "contact_points_m", "m", ("frames", "contacts", "3"), "constraint points; rows beyond those of a frame are NaN"
-    ),
+    SeriesArray("contact_points_m", "m", ("frames", "contacts", "3"), "constraint points; NaN beyond those of a frame"),
     SeriesArray("contact_forces_n", "N", ("frames", "contacts", "3"), "force of the needle on the tissue at each"),
     SeriesArray("strain_energy_j", "J", ("frames",), "elastic energy of the tissue"),
     SeriesArray("max_von_mises_pa", "Pa", ("frames",), "largest von Mises stress of a tetrahedron, damping left out"),

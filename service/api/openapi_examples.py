@@ -140,6 +140,7 @@ EXAMPLES: dict[str, dict[str, Any]] = {
         "controllers": None,
         "same_digests": 140,
         "shared_cases": 140,
+        "arms": None,
         "comparisons": [],
     },
     "Readiness": {

@@ -40,7 +40,7 @@ _COMMANDS = {  # name -> (module, what it does); the order is that of the help
     "pin": ("jobs", "Keep a job when old ones are removed."),
     "unpin": ("jobs", "Allow a pinned job to be removed."),
     "recording": ("recording", "Open or download the recording of a job."),
-    "series": ("series", "Write the time series of a result as CSV, JSON or Parquet."),
+    "series": ("local", "Write the time series of a result as CSV, JSON or Parquet."),
     "verify": ("verify", "Run a result again and compare."),
     "gc": ("operations", "Remove old jobs with their files, and unused uploads."),
     "backup": ("backups", "Back up a data folder while its service works."),

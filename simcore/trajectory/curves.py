@@ -10,11 +10,12 @@ from functools import cached_property
 from typing import TYPE_CHECKING
 
 import numpy as np
-from scipy.interpolate import CubicSpline
 
 from simcore.trajectory.path import PANELS, Path
 
 if TYPE_CHECKING:
+    from scipy.interpolate import CubicSpline
+
     from simcore.arrays import Floats
 
 
@@ -145,6 +146,8 @@ class SplinePath(Path):
         lengths = np.linalg.norm(np.diff(self.points_m, axis=0), axis=1)
         knots = np.concatenate([[0.0], np.cumsum(lengths)]) / lengths.sum()
         knots[-1] = 1.0
+        from scipy.interpolate import CubicSpline  # slow to import, and most paths need none
+
         return CubicSpline(knots, self.points_m, bc_type="natural")
 
     def _at(self, u: Floats, order: int) -> Floats:

@@ -42,7 +42,7 @@ def test_a_submission_with_a_mesh_is_checked_outside_of_the_server(
     job = http.post("/api/v1/jobs", json={"scenario": scenario(reference)})
     assert job.status_code == 202, job.text
     assert len(job.json()["scenario"]["tissue"]["mesh_sha256"]) == 64
-    grid = {"name": "two", "scenario": scenario(reference), "grid": {"seed": [0, 1]}}
+    grid = {"name": "two", "scenario": scenario(reference), "grid": {"tissue.young_kpa": [3.0, 6.3]}}
     campaign = http.post("/api/v1/campaigns", json=grid)
     assert (campaign.status_code, campaign.json()["cases"]) == (202, 2), campaign.text
     for page in ("/", "/submit", f"/submit?from={job.json()['id']}", f"/jobs/{job.json()['id']}"):

@@ -192,9 +192,9 @@ def test_uploads_go_by_age_unless_something_names_them(both: tuple[TestClient, S
     http.post(f"/api/v1/uploads/{sent.ids['pinned']}/pin")
     job = http.post("/api/v1/jobs", json={"scenario": steer(named["by_job"])})
     assert job.status_code == 202, job.text
-    grid = {"scenario": steer(named["by_campaign"]), "grid": {"seed": [0]}}
+    grid = {"scenario": steer(named["by_campaign"]), "grid": {"tissue.young_kpa": [6.3]}}
     assert http.post("/api/v1/campaigns", json=grid).status_code == 202
-    nightly = {"scenario": steer(named["by_schedule"]), "grid": {"seed": [0]}}
+    nightly = {"scenario": steer(named["by_schedule"]), "grid": {"tissue.young_kpa": [6.3]}}
     made = http.post("/api/v1/schedules", json={"name": "nightly", "cron": "0 2 * * *", "campaign": nightly})
     assert made.status_code == 201, made.text
     assert sent.cleared(dry_run=True) == {"unused"}
