@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 from collections.abc import Callable, Coroutine
-from dataclasses import dataclass
 from typing import Any
 
 from fastapi import Request, Response
@@ -16,11 +15,10 @@ MOST_FAULTS = 50  # that an answer tells of
 _AT_ONCE = 2048  # bytes of a body that cost less than the way into a thread
 
 
-@dataclass(frozen=True)
-class RefusedBody:
-    """What stands in the place of a body that is not what its route takes: its faults, as pydantic tells them."""
-
-    faults: list[dict[str, Any]]
+# What stands in the place of a body that is not what its route takes, until permissions and parameters are checked too.
+# An object of a class of ours would not do: the framework reads those field by field, and all may be optional.
+_REFUSED = ...
+_FAULTS = "needlebench.faults"  # of the body, in the scope of its request
 
 
 class JsonBodyRoute(APIRoute):
@@ -44,14 +42,18 @@ class _JsonRequest(Request):
         self._field = field
 
     async def json(self) -> Any:
-        """The checked body, or a `RefusedBody`, which no route takes. Raises json.JSONDecodeError."""
+        """The checked body, or what no route takes, its faults in the scope. Raises json.JSONDecodeError."""
         body = await self.body()
         if len(body) <= _AT_ONCE:
-            return _checked(body, self._field)
-        return await run_in_threadpool(_checked, body, self._field)
+            checked, faults = _checked(body, self._field)
+        else:
+            checked, faults = await run_in_threadpool(_checked, body, self._field)
+        self.scope[_FAULTS] = faults
+        return _REFUSED if faults else checked
 
 
-def _checked(body: bytes, field: Any) -> Any:
+def _checked(body: bytes, field: Any) -> tuple[Any, list[dict[str, Any]]]:
+    """The body, and what is wrong with it as pydantic tells it."""
     try:
         value = json.loads(body.decode("utf-8-sig"))
     except json.JSONDecodeError:
@@ -64,22 +66,19 @@ def _checked(body: bytes, field: Any) -> Any:
         raise json.JSONDecodeError(str(error)[:200], "", 0) from None
     checked, faults = field.validate(value, {}, loc=("body",))
     if not faults:
-        return checked
+        return checked, []
     told = [{**fault, "loc": _short(fault["loc"])} for fault in faults[:MOST_FAULTS]]
     if len(faults) > MOST_FAULTS:
         more = len(faults) - MOST_FAULTS
         told.append({"type": "too_many", "loc": ("body",), "msg": f"has {more} more faults", "input": None})
-    return RefusedBody(told)
+    return None, told
 
 
 def _short(place: tuple[Any, ...]) -> tuple[Any, ...]:
     return tuple(part if isinstance(part, int) else str(part)[:100] for part in place)
 
 
-def faults_of(error: RequestValidationError) -> list[dict[str, Any]]:
+def faults_of(request: Request, error: RequestValidationError) -> list[dict[str, Any]]:
     """What is wrong with a request: its parameters, and what was found in its body."""
-    found: list[dict[str, Any]] = []
-    for fault in error.errors():
-        refused = fault.get("input")
-        found += refused.faults if isinstance(refused, RefusedBody) else [fault]
-    return found
+    parameters = [fault for fault in error.errors() if fault.get("input") is not _REFUSED]
+    return [*parameters, *request.scope.get(_FAULTS, [])]

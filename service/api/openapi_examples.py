@@ -137,7 +137,6 @@ EXAMPLES: dict[str, dict[str, Any]] = {
     },
     "ComparisonView": {
         "campaigns": [_CAMPAIGN, "2e1d0c9b8a7f6e54"],
-        "controllers": None,
         "same_digests": 140,
         "shared_cases": 140,
         "arms": None,

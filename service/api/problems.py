@@ -211,7 +211,7 @@ def _methods_at(request: Request) -> list[str]:
 
 def _on_request(request: Request, error: Exception) -> Response:
     assert isinstance(error, RequestValidationError)
-    wrong = faults_of(error)
+    wrong = faults_of(request, error)
     broken = next((item for item in wrong if item["type"] == "json_invalid"), None)
     if broken is not None:
         reason = broken.get("ctx", {}).get("error", broken["msg"])

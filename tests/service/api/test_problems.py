@@ -154,3 +154,9 @@ def test_what_is_echoed_is_short_and_is_json(value: Any) -> None:
 
 def test_what_is_echoed_of_strange_numbers() -> None:
     assert (echoed(math.inf), echoed(True), echoed(10**400)[:3]) == ("inf", True, "100")
+
+
+def test_a_body_whose_fields_are_all_optional_is_refused_like_any_other(http: TestClient) -> None:
+    """What stands in the place of a refused body must not be read as an empty one: this one would clear old jobs."""
+    answer = http.post("/api/v1/gc", json={"older_than_s": -1})
+    assert (answer.status_code, answer.json()["errors"][0]["field"]) == (422, "older_than_s")
