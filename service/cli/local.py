@@ -91,7 +91,7 @@ def run(
 
     \b
     A controller in another program, any language (see `needlebench example remote`):
-      needlebench run demo --out results/mine --set controller.kind=remote \\
+      needlebench run line --out results/mine --set controller.kind=remote \\
         --controller-command "python mine.py {address}"
     Without --controller-command the run waits for it: start it yourself.
 

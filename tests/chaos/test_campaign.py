@@ -45,7 +45,7 @@ _HALF_MB = 5.0  # [ours] by the second half of the jobs; 6 kB each of 800 would 
     [
         ("short insertion", RUNNER, _SHORT),
         ("tiny insertion", RUNNER, _TINY),
-        ("50 ms of CPU", _INSTANT, {"name": f"{SPIN}50"}),
+        ("50 ms of CPU", _INSTANT, {"name": f"{SPIN}50", "noise_mm": 0.25}),
     ],
     ids=["short", "tiny", "50ms"],
 )
