@@ -56,8 +56,9 @@ def test_a_campaign_of_short_jobs(
     before = _bare(tmp_path / "before", runner, half)
     with running_server(tmp_path / "data", runner=runner, workers=_WORKERS) as server:
         until(lambda: server.client.ready()["workers_ready"] == _WORKERS, patience_s=600)
+        grid = {"seed": list(range(campaign_jobs)), "name": [scenario["name"]]}  # an axis of names keeps them
         used_s, asked = cpu_s(server.process.pid), time.monotonic()
-        campaign = server.client.start_campaign({"scenario": scenario, "grid": {"seed": list(range(campaign_jobs))}})
+        campaign = server.client.start_campaign({"scenario": scenario, "grid": grid})
         answered_s = time.monotonic() - asked
         samples: list[tuple[int, float]] = []  # jobs that have finished, MB
         pid = server.process.pid
