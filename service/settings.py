@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import ipaddress
 import os
 import secrets
 import shlex
@@ -18,6 +17,7 @@ from service.api_key import keys_exist
 from service.environment import Section, SettingsError, note_of, setting, variables_of
 from service.files.disk import MINIMUM_BYTES
 from simcore.errors import Problem
+from simcore.remote.link import is_loopback
 
 DEFAULT_HOST = "127.0.0.1"
 DEFAULT_PORT = 8321
@@ -38,16 +38,6 @@ def data_dir() -> Path:
     """The data folder by environment variable or default."""
     named = os.environ.get("NEEDLEBENCH_DATA")
     return (Path(named) if named else default_data_dir()).expanduser().absolute()
-
-
-def is_loopback(host: str) -> bool:
-    """Whether only this machine can reach `host`. A name other than localhost counts as reachable from outside."""
-    if host == "localhost":
-        return True
-    try:
-        return ipaddress.ip_address(host).is_loopback
-    except ValueError:
-        return False
 
 
 def url_of(host: str, port: int) -> str:

@@ -9,8 +9,9 @@ from urllib.parse import quote, urlsplit
 import httpx2
 
 from service.files.endpoint import endpoint, local_token
-from service.settings import data_dir, is_loopback
+from service.settings import data_dir
 from simcore.errors import NeedlebenchError, Problem, ScenarioError
+from simcore.remote.link import is_loopback
 
 if TYPE_CHECKING:
     from pathlib import Path

@@ -30,7 +30,6 @@ if TYPE_CHECKING:
 
     from simcore.arrays import Floats
     from simcore.episode.observation import Observation
-    from simcore.errors import Status
     from simcore.remote.messages import Vector3
     from simcore.scenario.scenario import Remote, Scenario
 
@@ -79,11 +78,12 @@ class RemoteController:
             self._next, self._due = answer, observation.step + max(late, 1)
         return self._held
 
-    def close(self, status: Status, message: str) -> None:
-        """Tell the controller how the run ended, if it is still there, and let it go."""
+    def close(self, status: str, message: str) -> None:
+        """Tell the controller how the run ended, if it is still there, and let it go. status: of the run, or
+        `interrupted`."""
         try:
             if self._greeted:
-                self._link.send(End(status=str(status), message=message).line(), self.settings.step_timeout_s)
+                self._link.send(End(status=status, message=message).line(), self.settings.step_timeout_s)
         except LinkError:
             pass
         finally:
@@ -137,6 +137,9 @@ class RemoteController:
             base_force_n=_triple(seen.base_wrench[:3]),
             base_torque_nm=_triple(seen.base_wrench[3:]),
             tip_m=_triple(seen.tip_m),
+            tip_direction=_triple(seen.tip_direction),
+            depth_m=seen.depth_m,
+            entry_offset_m=_pair(seen.entry_offset_m),
             target_m=_triple(seen.target_m),
             coming_m=[_triple(point) for point in seen.targets_m[1 : 1 + self.settings.look_ahead]],
         )
@@ -160,3 +163,8 @@ class RemoteController:
 def _triple(values: Floats) -> Vector3:
     x, y, z = (float(value) for value in values)
     return x, y, z
+
+
+def _pair(values: Floats) -> tuple[float, float]:
+    x, y = (float(value) for value in values)
+    return x, y

@@ -36,7 +36,7 @@ class Address:
         host = host.strip("[]")
         if not colon or not port.isascii() or not port.isdigit() or not 1 <= int(port) <= 65535:
             raise ValueError("must be HOST:PORT with a port from 1 to 65535, or unix:PATH")
-        if not _is_loopback(host):
+        if not is_loopback(host):
             raise ValueError("must be on this machine: 127.0.0.1, ::1 or localhost; for another one use a tunnel")
         return cls(host="127.0.0.1" if host == "localhost" else host, port=int(port))
 
@@ -78,7 +78,8 @@ class Address:
                 pass
 
 
-def _is_loopback(host: str) -> bool:
+def is_loopback(host: str) -> bool:
+    """Whether only this machine can reach `host`. A name other than localhost counts as reachable from outside."""
     if host == "localhost":
         return True
     try:

@@ -65,6 +65,9 @@ class ObservationMessage(_Message):
     base_force_n: Vector3 = Field(description="of the robot on the needle")
     base_torque_nm: Vector3 = Field(description="of the robot on the needle, about the base")
     tip_m: Vector3 = Field(description="as it is seen, see `sensing`")
+    tip_direction: Vector3 = Field(description="of the needle at its tip, unit, as it is seen")
+    depth_m: float = Field(description="inserted length, as it is seen")
+    entry_offset_m: tuple[FiniteFloat, FiniteFloat] = Field(description="how far the shaft passes beside the entry")
     target_m: Vector3 = Field(description="where the tip is to be at the end of this step, with noise")
     coming_m: list[Vector3] = Field(description="targets of the next steps, at most `controller.look_ahead`")
 
@@ -91,7 +94,7 @@ class End(_Message):
     """How the run ended."""
 
     type: Literal["end"] = "end"
-    status: str
+    status: str = Field(description="of result.json, or interrupted: cancelled, Ctrl-C")
     message: str
 
 

@@ -25,6 +25,7 @@ if TYPE_CHECKING:
     from simcore.rollout.result import Rollout
 
 Clock = Callable[[], float]
+INTERRUPTED = "interrupted"  # what a controller is told of a run that something else has ended
 
 
 @cache
@@ -84,7 +85,7 @@ class _Loop:
             return self._run()
         finally:
             if callable(close := getattr(self.controller, "close", None)):
-                close(self.episode.status, self.episode.message)
+                close(str(self.episode.status) if self.episode.done else INTERRUPTED, self.episode.message)
 
     def _run(self) -> Rollout:
         episode, recorder = self.episode, Recorder(self.episode, self.observer)

@@ -13,11 +13,11 @@ from service.settings import (
     RUNNER,
     Limits,
     Settings,
-    is_loopback,
     limits_help,
     url_of,
     variables_help,
 )
+from simcore.remote.link import is_loopback
 
 ROOT = Path(__file__).resolve().parents[2]
 

@@ -12,7 +12,7 @@ from starlette.types import ASGIApp, Message, Receive, Scope, Send
 from service.access import SAFE_METHODS
 from service.api.problem_codes import CODES
 from service.api.problems import problem_response
-from service.settings import is_loopback
+from simcore.remote.link import is_loopback
 
 MAXIMUM_HEADER_BYTES = 16_000  # below what the HTTP server itself takes, which refuses without a problem+json
 MAXIMUM_URL_BYTES = 8_000

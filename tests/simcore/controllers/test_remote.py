@@ -20,6 +20,7 @@ from simcore.insertion.state import Pose
 from simcore.plugins import register_controller
 from simcore.remote.link import LONGEST_LINE, Address
 from simcore.remote.messages import PROTOCOL, message_schema
+from simcore.rollout.records import Silent
 from simcore.rollout.rollout import run
 from simcore.scenario.scenario import Remote, Scenario
 
@@ -27,6 +28,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
     from pathlib import Path
 
+    from simcore.rollout.records import StepRecord
     from simcore.rollout.result import Rollout
 
     Said = dict[str, Any]
@@ -169,6 +171,22 @@ def test_it_is_told_what_the_scenario_says_and_not_the_seed_of_the_noise() -> No
     assert first["coming_m"][0][2] > first["target_m"][2]
 
 
+@pytest.mark.slow
+def test_it_is_told_when_something_else_ends_the_run() -> None:
+    class Cancels(Silent):
+        def step(self, record: StepRecord) -> None:
+            if record.step == 15:
+                raise KeyboardInterrupt
+
+    heard: list[Said] = []
+    address = free_address()
+    with controller(address, steers, heard), pytest.raises(KeyboardInterrupt):
+        run(scenario(remote(address)), Cancels())
+    assert heard[-1]["status"] == "interrupted"
+    assert len(heard[1]["entry_offset_m"]) == 2
+    assert heard[-2]["depth_m"] > heard[1]["depth_m"]
+
+
 NONSENSE: dict[str, tuple[Any, str]] = {
     "no JSON": (b"pardon?\n", "'pardon?' came"),
     "no text": (b"\xff\xfe\n", "came: "),
@@ -284,7 +302,7 @@ def test_in_real_time_an_answer_comes_as_late_as_it_took() -> None:
     with controller(address, slow):
         steered = RemoteController(settings, scenario(remote(address)), np.zeros(3), 0.18, clock)
         commands = [steered.command(observation(step)).position_m for step in range(7)]
-        steered.close(Status.COMPLETED, "")
+        steered.close("completed", "")
     assert asked == [0, 2, 4, 6]
     held = [[0, 0, 0], [0, 0, 0], [1, 0, 0], [1, 0, 0], [1, 0, 2], [1, 0, 2], [1, 0, 4]]
     np.testing.assert_array_equal(commands, held)
