@@ -9,7 +9,7 @@ place of the exact one. `elementary_kernels` has them for kernels.
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -20,7 +20,7 @@ QUARTER_TURN = (1.57079632673412561417, 6.07710050630396597660e-11, 2.0222662487
 LN2 = (6.93147180369123816490e-01, 1.90821492927058770002e-10)  # two parts
 
 
-def sine_cosine_near_zero(x):  # type: ignore[no-untyped-def]
+def sine_cosine_near_zero(x: Any) -> tuple[Any, Any]:
     """Of an angle of at most pi / 4, rad: a number, also inside kernels, or an array."""
     z = x * x
     s = 8.33333333332248946124e-03 + z * (
@@ -80,7 +80,7 @@ def arc_tangent(y: float, x: float) -> float:
 def exponential(x: Floats) -> Floats:
     """e^x of every number; as large as it can be above 709.78, 0 far below."""
     x = np.clip(x, -746.0, 709.78)
-    power = np.rint(x * 1.44269504088896338700)
+    power = np.rint(np.where(np.isnan(x), 0.0, x) * 1.44269504088896338700)
     high, low = x - power * LN2[0], power * LN2[1]
     r = high - low
     z = r * r

@@ -30,6 +30,7 @@ LONGER = {
 MAXIMUM_MODULES = 25  # of a folder
 
 SIMCORE_NEEDS = {"numpy", "scipy", "numba", "pydantic", "pydantic_core", "threadpoolctl", "platformdirs"}
+SIMCORE_NEEDS |= {"llvmlite"}  # a part of numba
 BENCHMARKS_NEED = {*SIMCORE_NEEDS, "simcore", "benchmarks", "jinja2"}  # jinja2: the page of the paper's report
 NETWORK = {"http", "socket", "socketserver", "urllib", "ssl", "asyncio", "sqlite3", "ftplib", "smtplib"}
 

@@ -13,7 +13,7 @@ import numpy as np
 from benchmarks.builtin_scenarios import benchmark_scenario
 from benchmarks.measurements import Part, Table
 from simcore.controllers import ifem, plant_model
-from simcore.insertion import compliance, insertion, iteration
+from simcore.insertion import compliance, insertion, step_kernel
 from simcore.rollout import recorder, series
 from simcore.rollout.rollout import run
 
@@ -27,11 +27,10 @@ if TYPE_CHECKING:
 
 PYTHON = "Python between the kernels"
 STAGES = {  # kernel -> stage; a kernel that is not here is listed under its own name
-    "gather_gradients": "tissue forces",
-    "rotate_and_stress": "tissue forces",
-    "finish_rotations": "tissue forces",
-    "scatter_forces": "tissue forces",
-    "rotated_stiffness_times": "tissue forces",
+    "block_forces": "tissue forces",
+    "damping_forces": "tissue forces",
+    "solve_band": "back-solve",
+    "add_columns": "tissue moves by the columns",
     "residuals": "beams, constraint geometry and residuals",
     "responses": "W: beams factored, gaps per force",
     "solve_blocks": "beams: solves",
@@ -45,7 +44,6 @@ METHODS: tuple[tuple[Any, str, str, bool], ...] = (  # owner, name, stage, wheth
     (compliance.Compliance, "solve", "back-solve", True),
     (compliance.Compliance, "refactor", "refactor", True),
     (compliance.Compliance, "sync", "compliance columns and rows", True),
-    (iteration, "move_tissue", "tissue moves by the columns", True),
     (insertion.Insertion, "_settle", "channel: cut, create, drop", True),
     (ifem.InverseFemController, "command", "command", False),
     (plant_model, "linearise", "Jacobian", True),
@@ -151,11 +149,15 @@ def _median_step(scenario: Scenario, stages: Stages | None, clock: Clock) -> flo
 def patch_kernels(stages: Stages) -> Iterator[None]:
     """Every compiled kernel in the modules of simcore, and METHODS, replaced by timed ones while the context is open.
 
+    A step is composed of its kernels meanwhile, so that each is seen; it is one of them otherwise.
+
     Kernels must be compiled before: one that is compiled meanwhile would find a wrapper where it looks for a kernel.
     """
     undo: list[tuple[Any, str, Any]] = []
     wrapped: dict[int, Callable[..., Any]] = {}
     try:
+        for name in step_kernel.COMPOSED:
+            _replace(step_kernel, name, getattr(step_kernel, name).py_func, undo)
         for owner, name, stage, whole in METHODS:
             if hasattr(owner, name):
                 _replace(owner, name, stages.wrap(stage, getattr(owner, name), whole), undo)

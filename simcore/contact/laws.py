@@ -21,7 +21,7 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 
 from simcore.compiled import kernel
-from simcore.contact.line import free_rows
+from simcore.contact.line import free_rows, lateral_size
 from simcore.linear_algebra.dense import factor_lu, solve_lu
 
 if TYPE_CHECKING:
@@ -119,12 +119,6 @@ def staircases(
             breaks[i, 0] = needle_length
             extra[i, 1] = cutting
         mode[i] = min(mode[i], 2 * steps[i])
-
-
-@kernel
-def lateral_size(force: Floats, element: int) -> float:
-    """|lambda_n| of an element; force (a, 3) in local frames."""
-    return float(np.sqrt(force[element, 0] ** 2 + force[element, 1] ** 2))
 
 
 @kernel
@@ -265,8 +259,7 @@ def solve_laws(response: Response, law: Law, mode: Ints, slide: Floats, new_forc
     size = len(response.w)
     matrix, right, pivots = np.empty((size, size)), np.empty(size), np.empty(size, np.int64)
     around = response.force.copy()
-    contact = law.contact
-    sliding = contact and (slide[0] != 0.0 or slide[1] != 0.0)
+    sliding = law.contact and (slide[0] != 0.0 or slide[1] != 0.0)
     for sweep in range(MODE_SWEEPS):
         system_rows(response, law, around, mode, slide, sliding, matrix, right)
         if not factor_lu(matrix, pivots):
@@ -275,7 +268,7 @@ def solve_laws(response: Response, law: Law, mode: Ints, slide: Floats, new_forc
         respond(response, law.stair, right, mode, new_force, new_arc)
         settled = advance_modes(law, new_force, new_arc, around, mode, sweep >= TOGETHER_SWEEPS)
         around[:] = new_force
-        if contact:
+        if law.contact:
             before0, before1, was = slide[0], slide[1], sliding
             sliding = surface_slip(response, law.friction, new_force, slide)
             if sliding != was or abs(slide[0] - before0) + abs(slide[1] - before1) > 1e-12:

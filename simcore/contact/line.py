@@ -63,6 +63,12 @@ def free_points(elements: Ints, *, contact: bool, free_tip: bool) -> Flags:
 
 
 @kernel
+def lateral_size(force: Floats, element: int) -> float:
+    """|lambda_n| of an element; force (a, 3) in local frames."""
+    return float(np.sqrt(force[element, 0] ** 2 + force[element, 1] ** 2))
+
+
+@kernel
 def free_rows(free: Flags, w: Floats, matrix: Floats, right: Floats) -> None:
     """Write the two lateral equations of each element (a,) that is free: it has no lateral force."""
     for i in range(len(free)):

@@ -107,7 +107,7 @@ class Response:
         needle, forces = base_response(model, solved)
         tissue, unknown = np.zeros((len(solved.bodies.x), 3, 6)), model.tissue.unknown
         free = unknown >= 0
-        tissue[free] = product(columns.T, forces).reshape(-1, 3, 6)[unknown[free]]
+        tissue[free] = product(columns.T.astype(float), forces).reshape(-1, 3, 6)[unknown[free]]
         state = Guess(solved.bodies.copy(), solved.at.force_n, solved.at.mode.copy())
         return cls(state, tissue, np.concatenate([np.eye(6)[None], needle]), forces.reshape(-1, 3, 6))
 

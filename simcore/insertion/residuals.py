@@ -65,7 +65,8 @@ class Constraints(NamedTuple):
 
 class Unknowns(NamedTuple):
     """What the iteration changes in place: the shaft; of the active elements points, modes (a,) and adhesion (a,) N;
-    arc lengths (P,) m of all elements; slide (2,) of a surface contact."""
+    arc lengths (P,) m of all elements; slide (2,) of a surface contact; forces (a, 3) N on the tissue, world; way (6,)
+    of the base to its goal."""
 
     shaft: Shaft
     points: ConstraintPoints
@@ -73,6 +74,8 @@ class Unknowns(NamedTuple):
     adhesion_n: Floats
     all_arcs_m: Floats
     slide: Floats
+    force_n: Floats
+    base_gap: Floats
 
 
 class ResidualArrays(NamedTuple):
@@ -93,15 +96,15 @@ def residuals(
     constraints: Constraints,
     motion: Motion,
     unknowns: Unknowns,
-    force: Floats,
     arrays: ResidualArrays,
 ) -> tuple[float, float, float, float, float, float]:
-    """Write beams, geometry of the constraints and nodal residuals for the forces (a, 3) N, world, on the tissue.
+    """Write beams, geometry of the constraints and nodal residuals at an iterate.
 
     Returns the largest nodal residuals of the tissue, N, and of the needle, N and N m; the largest gap, m; the largest
     distance from a contact law, N; the rest length of channel that the needle occupies, m.
     """
     elements, contact, points = constraints.elements, constraints.contact, unknowns.points
+    force = unknowns.force_n
     internal(unknowns.shaft.x, unknowns.shaft.R, constants.section, arrays.beams)
     inserted = locate_constraints(constants, constraints, motion.x, unknowns, arrays.tributary_m)
     local = to_local(points.frames, force)
@@ -128,7 +131,13 @@ def locate_constraints(
     """Write the geometry of the constraints and how much channel (P,) m and adhesion belong to each; returns the rest
     length of channel that the needle occupies, m."""
     contact, elements, stair, _, balls, depth, active, count = constraints
-    shaft, points, mode, adhesion, arcs, _ = unknowns
+    shaft, points, mode, adhesion, arcs = (
+        unknowns.shaft,
+        unknowns.points,
+        unknowns.mode,
+        unknowns.adhesion_n,
+        unknowns.all_arcs_m,
+    )
     tissue, length = TissueShape(x, constants.x_rest), constants.needle_length_m
     sticking = Sticking(mode, stair.breaks, constants.line.hard)
     constraint_geometry(contact, elements, balls, tissue, shaft, sticking, points)

@@ -16,27 +16,30 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from simcore.contact.kernels import Motion
 from simcore.errors import Status
+from simcore.insertion import step_kernel
 from simcore.insertion.compliance import NotPositiveDefiniteError
-from simcore.insertion.iteration import begin, converged, correct, evaluate
+from simcore.insertion.iteration import begin
 from simcore.insertion.state import (
     ActiveSet,
     Bodies,
     Goal,
     Guess,
     Iterate,
-    Residuals,
     SolvedStep,
     StepReport,
     TissueResponse,
     Workspace,
 )
+from simcore.insertion.step_kernel import Allowed, Arrays, Factored, Missing
 from simcore.needle.beam import BeamForces
 from simcore.needle.model import advance
 
 if TYPE_CHECKING:
     from simcore.contact.channel import Channel
     from simcore.insertion.model import CoupledModel
+    from simcore.insertion.residuals import Constants, Constraints, Unknowns
 
 LEAST_DET_F = 0.1  # below it a tetrahedron counts as inverted
 FIRST_TRY = 12  # iterations with the kept factor before it is renewed
@@ -85,20 +88,22 @@ def linearised_step(
     The status is a failure only for an inverted or infinite state, or laws without a solution.
     """
     active, at = begin(model, workspace, channel, _as_before(start, channel), goal)
-    evaluate(model, workspace, start, active, at)
+    step_kernel.evaluate(*problem_of(model, workspace, start, active, at))
     rotations, compliance = workspace.blocks.rotations(), workspace.compliance
     stale = compliance.turned_by(rotations) >= STALE_TURN
     try:
         if stale:
             compliance.refactor(rotations)
             compliance.sync(channel)
-        failure = None if correct(model, workspace, active, at) else (Status.NOT_CONVERGED, NO_CONTACT_STATE)
+        settled = step_kernel.correct(*problem_of(model, workspace, start, active, at))
+        failure = None if settled else (Status.NOT_CONVERGED, NO_CONTACT_STATE)
     except NotPositiveDefiniteError as error:
         failure = Status.NOT_POSITIVE_DEFINITE, str(error)
-    left = evaluate(model, workspace, start, active, at)
-    if not np.isfinite(left).all():
+    left = step_kernel.evaluate(*problem_of(model, workspace, start, active, at))
+    at.min_det_f, at.inserted_m = left.min_det_f, left.inserted_m
+    if not np.isfinite(left[:3]).all():
         failure = Status.NOT_FINITE, "the linearised step is not finite"
-    status, message = failure or _checked(at)
+    status, message = failure or _checked(at.min_det_f)
     report = StepReport(status, message, 1, left.force_n, left.violation_m, at.min_det_f, int(stale))
     return _solved(workspace, start, active, at, report)
 
@@ -120,21 +125,34 @@ def _attempt(
 ) -> SolvedStep:
     """Iterate from `first`, whose bodies are moved, until converged or `allowed` corrections were made."""
     active, at = begin(model, workspace, channel, first, goal)
-    for iteration in range(allowed + 1):
-        residuals = evaluate(model, workspace, start, active, at)
-        if not np.isfinite([*residuals, *at.base_gap]).all():
-            status, message = Status.NOT_FINITE, f"iteration {iteration} is not finite"
-            break
-        if converged(model, at, residuals):
-            status, message = _checked(at)
-            break
-        if iteration == allowed:
-            status, message = Status.NOT_CONVERGED, _missing(model, residuals, allowed)
-        elif not correct(model, workspace, active, at):
-            status, message = Status.NOT_CONVERGED, NO_CONTACT_STATE
-            break
-    report = StepReport(status, message, iteration, residuals.force_n, residuals.violation_m, at.min_det_f, 0)
+    limits = Allowed(model.tolerances.force_n, model.tolerances.violation_m, allowed)
+    ended, iteration, missing = step_kernel.iterate(*problem_of(model, workspace, start, active, at), limits)
+    at.min_det_f, at.inserted_m = missing.min_det_f, missing.inserted_m
+    status, message = _ending(model, ended, iteration, missing)
+    report = StepReport(status, message, iteration, missing.force_n, missing.violation_m, at.min_det_f, 0)
     return _solved(workspace, start, active, at, report)
+
+
+def problem_of(
+    model: CoupledModel, workspace: Workspace, start: Bodies, active: ActiveSet, at: Iterate
+) -> tuple[Constants, Constraints, Motion, Unknowns, Arrays]:
+    """What the kernels of an iteration take."""
+    motion = Motion(at.bodies.x, start.x, start.v, model.dt_s)
+    compliance = workspace.compliance
+    tissue = Factored(compliance.factor, compliance.columns, compliance.between_points)
+    arrays = Arrays(workspace.arrays, workspace.blocks.arrays, tissue)
+    return model.constants, active.constraints, motion, at.unknowns, arrays
+
+
+def _ending(model: CoupledModel, ended: int, iteration: int, missing: Missing) -> tuple[Status, str]:
+    """Status and message of an iteration that ended so after this many corrections."""
+    if ended == step_kernel.CONVERGED:
+        return _checked(missing.min_det_f)
+    if ended == step_kernel.INFINITE:
+        return Status.NOT_FINITE, f"iteration {iteration} is not finite"
+    if ended == step_kernel.NO_CONTACT_STATE:
+        return Status.NOT_CONVERGED, NO_CONTACT_STATE
+    return Status.NOT_CONVERGED, _missing(model, missing, iteration)
 
 
 def _extrapolated(model: CoupledModel, start: Bodies, channel: Channel) -> Guess:
@@ -151,13 +169,13 @@ def _renew_factor(workspace: Workspace, start: Bodies) -> None:
     workspace.compliance.refactor(workspace.blocks.rotations())
 
 
-def _checked(at: Iterate) -> tuple[Status, str]:
-    if at.min_det_f > LEAST_DET_F:
+def _checked(min_det_f: float) -> tuple[Status, str]:
+    if min_det_f > LEAST_DET_F:
         return Status.COMPLETED, ""
-    return Status.INVERTED, f"min det F = {at.min_det_f:.3g}, must stay above {LEAST_DET_F}"
+    return Status.INVERTED, f"min det F = {min_det_f:.3g}, must stay above {LEAST_DET_F}"
 
 
-def _missing(model: CoupledModel, residuals: Residuals, allowed: int) -> str:
+def _missing(model: CoupledModel, residuals: Missing, allowed: int) -> str:
     tolerances = model.tolerances
     return (
         f"residual {residuals.force_n:.3g} N (allowed {tolerances.force_n:g}), "

@@ -79,14 +79,6 @@ class Goal(NamedTuple):
     held_shift_m: Floats | None = None  # None = they stay
 
 
-class Residuals(NamedTuple):
-    """What is missing at an iterate: nodal forces N, gaps m, distances of axial forces from their level N."""
-
-    force_n: float
-    violation_m: float
-    law_n: float
-
-
 @dataclass(frozen=True)
 class Kept:
     """What of a workspace outlives a step, at one moment. Nothing in it is written again.

@@ -8,13 +8,19 @@ tetrahedra that need more iterations are finished by the plain form.
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from simcore.compiled import inlined, kernel
-from simcore.tissue.model import TissueModel, cold_polar_rotation, polar_rotation
+from simcore.tissue.model import (
+    Tetrahedra,
+    TissueModel,
+    cold_polar_rotation,
+    polar_rotation,
+    rotated_stiffness_times,
+)
 
 if TYPE_CHECKING:
     from simcore.arrays import Floats
@@ -24,6 +30,16 @@ Corners = NDArray[np.uint32]
 LANES = 64
 ROWS = 30  # of a block: F 0-8, R 9-17, P 18-26, volume 27, last squared rotation increment 28, det F 29
 EXACT = 1e-20  # squared increment below which the next one would be below rounding: Newton converges quadratically
+
+
+class Blocks(NamedTuple):
+    """What kernels know of them: corners (b, 4, LANES), gradients (b, 9, LANES) 1/m, the flat state, and the elements
+    one by one."""
+
+    corners: Corners
+    gradients: Floats
+    state: Floats
+    tetrahedra: Tetrahedra
 
 
 class ForceBlocks:
@@ -39,6 +55,7 @@ class ForceBlocks:
         state[:, 9:18] = np.eye(3).reshape(1, 9, 1)
         state[:, 27] = np.concatenate([model.volumes_m3, np.zeros(self.blocks * LANES - count)]).reshape(-1, LANES)
         self.state = state.ravel()
+        self.arrays = Blocks(self.corners, self.gradients, self.state, model.tetrahedra)
 
     def _blocked(self, rows: NDArray[Any]) -> NDArray[Any]:
         """(t, k) -> (blocks, k, LANES); the last block is filled up with copies of weightless tetrahedra."""
@@ -58,11 +75,29 @@ class ForceBlocks:
 
     def evaluate(self, x: Floats, forces: Floats) -> float:
         """Forces that hold the tissue at x (n, 3) m, written to forces (n, 3) N; returns min det F."""
-        model = self.model
-        gather_gradients(x, self.corners, self.gradients, self.state)
-        rotate_and_stress(self.state, self.blocks, model.mu_pa, model.lambda_pa)
-        finish_rotations(self.state, self.blocks, model.mu_pa, model.lambda_pa)
-        return scatter_forces(self.state, self.corners, self.gradients, forces)
+        return block_forces(x, self.arrays, forces)
+
+
+@kernel
+def block_forces(x: Floats, blocks: Blocks, forces: Floats) -> float:
+    """Write forces (n, 3) N that hold the tissue at x (n, 3) m; returns min det F."""
+    corners, gradients, state, tetrahedra = blocks
+    gather_gradients(x, corners, gradients, state)
+    rotate_and_stress(state, len(corners), tetrahedra.mu_pa, tetrahedra.lambda_pa)
+    finish_rotations(state, len(corners), tetrahedra.mu_pa, tetrahedra.lambda_pa)
+    return scatter_forces(state, corners, gradients, forces)
+
+
+@kernel
+def damping_forces(x: Floats, x_old: Floats, dt_s: float, blocks: Blocks, out: Floats) -> None:
+    """Write out (n, 3) N s/m = sum R_e K_e R_e^T v, v the velocity since x_old and R_e of the last evaluation."""
+    tets, gradients, volumes, mu, lam = blocks.tetrahedra
+    rotations = np.empty((len(tets), 9))
+    for t in range(len(tets)):
+        start = t // LANES * ROWS * LANES + t % LANES
+        for k in range(9):
+            rotations[t, k] = blocks.state[start + (9 + k) * LANES]
+    rotated_stiffness_times((x - x_old) / dt_s, tets, gradients, volumes, mu, lam, rotations, out)
 
 
 @kernel

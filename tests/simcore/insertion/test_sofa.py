@@ -16,8 +16,10 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from simcore.contact.channel import Channel, Phase
-from simcore.insertion.iteration import begin, converged, correct, evaluate
+from simcore.insertion.iteration import begin
+from simcore.insertion.solver import problem_of
 from simcore.insertion.state import Bodies, Goal, Guess, Iterate, Pose
+from simcore.insertion.step_kernel import CONVERGED, Allowed, iterate
 from simcore.needle.model import straight
 from simcore.scenario.build import insertion_of
 from simcore.scenario.scenario import Scenario
@@ -125,11 +127,10 @@ def equilibrium(insertion: Insertion, case: Case) -> Iterate:
     guess = Guess(start.copy(), case.start.get("force_n", np.zeros((n, 3))), np.zeros(n, np.int64))
     active, at = begin(model, workspace, channel_of(insertion, case), guess, Goal(case.base))
     active.stair.sign[:], active.stair.breaks[:], active.stair.extra[:] = 0.0, NO_BREAK_M, case.axial_n[:, None]
-    for _ in range(ITERATIONS):
-        if converged(model, at, evaluate(model, workspace, start, active, at)):
-            return at
-        assert correct(model, workspace, active, at), "no consistent state"
-    raise AssertionError(f"{case.name} did not converge in {ITERATIONS} iterations")
+    allowed = Allowed(model.tolerances.force_n, model.tolerances.violation_m, ITERATIONS)
+    ended, _, missing = iterate(*problem_of(model, workspace, start, active, at), allowed)
+    assert ended == CONVERGED, f"{case.name} did not converge in {ITERATIONS} iterations: {missing}"
+    return at
 
 
 def test_the_mesh_is_the_one_that_sofa_had(insertion: Insertion) -> None:

@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pytest
-from numpy._core._multiarray_umath import __cpu_features__  # type: ignore[attr-defined]
+from numpy._core._multiarray_umath import __cpu_features__  # type: ignore[import-not-found]
 
 from simcore.errors import Status
 from simcore.rollout.digest import digest
