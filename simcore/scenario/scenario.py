@@ -199,7 +199,7 @@ class Scenario(Block):
         try:
             if isinstance(data, bytes):
                 data = data.decode(json.detect_encoding(data))  # a redirected PowerShell writes UTF-16
-            if isinstance(data, str) and re.fullmatch(r"\s*[\w./\\:~ -]+\s*", data):
+            if isinstance(data, str) and re.fullmatch(r"[\w./\\:~ -]+", data.strip()):
                 return cls._named(data.strip())
             text = data if isinstance(data, str) else json.dumps(data, default=_plain)
         except (TypeError, ValueError, RecursionError) as error:
