@@ -29,6 +29,8 @@ def message(data: Any) -> str:
         ({"trajectory": {"kind": "sinus"}}, "did you mean sine?"),
         ({"tissue": {"fixed_faces": ["ymin"]}}, "did you mean y_min?"),
         ({"controller": {"kind": "ifem", "rcm_weigt": 1}}, "did you mean rcm_weight?"),
+        ({"controller": {"kind": "plugin", "name": "ifm"}}, "did you mean ifem?"),
+        ({"controller": {"kind": "plugin", "name": "mcp"}}, "did you mean mpc?"),
         ("deno", "did you mean demo?"),
     ],
 )
@@ -119,3 +121,4 @@ def test_a_built_in_scenario_is_loaded_by_its_name() -> None:
     assert Scenario.load("demo") == preset("demo")
     assert "for a file: Scenario.load(open(name).read())" in message("mine.json")
     assert "is not JSON" in message('{"tissue": ')
+    assert message("deno").startswith("scenario = 'deno': is not JSON, and is not a built-in scenario")
