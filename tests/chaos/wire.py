@@ -10,7 +10,7 @@ from contextlib import suppress
 from dataclasses import dataclass
 from urllib.parse import urlsplit
 
-PATIENCE_S = 20.0
+PATIENCE_S = 120.0  # of a machine that has much else to do
 _STREAM_BYTES = 200  # of an endless answer that are read
 _ENDLESS = "text/event-stream"
 
