@@ -312,6 +312,7 @@ def measured_bands(**changes: dict[str, float | None]) -> Bands:
     return Bands({suite: {**known, **changes.get(suite, {})} for suite in ("LIN", "CUR")}, source="a study")
 
 
+@pytest.mark.slow
 def test_each_claim_is_held_against_the_band_of_what_it_compares() -> None:
     """A wide band of one suite's difference leaves the other suite's claim, and those about one controller."""
     outcomes = [*pair("LIN", [0.1] * 100, [0.2] * 100), *pair("CUR", [0.2] * 100, [0.1] * 100)]

@@ -293,6 +293,7 @@ class Boom:
         return (open, ("pickled", "w"))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("data", "told"),
     [
