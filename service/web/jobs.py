@@ -153,6 +153,7 @@ def get_job(job_id: JobId, request: Request, service: ServiceOf) -> Response:
         campaign=service.campaigns.of_jobs([job.id]).get(job.id),
         waiting_reason=_waiting_reason(service, job) if job.state == QUEUED else "",
         course=service.engine.trace(job),
+        depth_mm=_planned_depth_mm(job),
         cancelling=job.cancel_requested and not job.terminal,
         cpu_s=job.cpu_s,
         memory_mb=job.max_rss_mb,
@@ -162,6 +163,13 @@ def get_job(job_id: JobId, request: Request, service: ServiceOf) -> Response:
         **_result_values(view.result or {}),
         **_drawable(job, view, {artefact.name for artefact in artefacts}),
     )
+
+
+def _planned_depth_mm(job: Job) -> float | None:
+    """How far the path leads; None where there is none."""
+    scenario = (job.spec or {}).get("scenario") or {}
+    speed_mm_s = scenario.get("trajectory", {}).get("speed_mm_s")
+    return None if speed_mm_s is None else job.steps * scenario["dt_s"] * speed_mm_s
 
 
 def _result_values(result: dict[str, Any]) -> dict[str, Any]:
