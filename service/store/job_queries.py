@@ -119,14 +119,22 @@ class JobQueries(Transactions):
         outcome: str | None = None,
         name: str | None = None,
         campaign: str | None = None,
+        containing: str = "",
+        alone: bool = False,
         limit: int = 50,
         before: int | None = None,
     ) -> list[Job]:
         """Jobs without spec and result, newest first, those that arrived before sequence number `before`.
 
-        campaign: id of the one that they belong to.
+        campaign: id of the one that they belong to. alone: only those that belong to none. containing: a part of the
+        name, whatever its case, or the beginning of the id.
         """
         query = select(*LISTED).order_by(JOB.c.seq.desc()).limit(limit)
+        if containing:
+            within = func.instr(func.lower(JOB.c.name), containing.lower()) > 0
+            query = query.where(within | JOB.c.id.startswith(containing, autoescape=True))
+        if alone:
+            query = query.where(~exists().where(campaign_case.c.job_id == JOB.c.id))
         if outcome is not None:
             query = query.where(JOB.c.outcome == outcome)
         if state is not None:

@@ -172,7 +172,7 @@ def test_every_control_has_a_name(site: Site) -> None:
         page = Page(text)
         labelled = set(page.values("for"))
         for tag, attributes in page.found:
-            if tag in ("input", "select", "textarea"):
+            if tag in ("input", "select", "textarea") and attributes.get("type") != "hidden":
                 named = attributes.get("id") in labelled or "aria-label" in attributes
                 inside = attributes.get("type") in ("checkbox", "radio")  # stands within its label
                 assert named or inside, (address, attributes)
