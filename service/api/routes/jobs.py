@@ -77,14 +77,24 @@ def list_jobs(
     name: Annotated[str | None, Query(max_length=100, description="Only jobs of this name.")] = None,
     campaign: Annotated[str | None, Query(max_length=32, description="Only insertions of this campaign.")] = None,
     outcome: Annotated[Outcome | None, Query(description="Only jobs that finished with this outcome.")] = None,
+    search: Annotated[
+        str, Query(alias="q", max_length=100, description="A part of the name, or the beginning of the id.")
+    ] = "",
     limit: Annotated[int, Query(ge=1, le=200, description="Most items of the page.")] = 50,
     cursor: Cursor = None,
 ) -> JobPage:
     """A page of jobs, without their scenarios and results."""
 
     def newest(most: int, before: int | None) -> list[Job]:
-        wanted = {"state": state, "outcome": outcome, "name": name, "campaign": campaign}
-        return service.store.newest(**wanted, limit=most, before=before)
+        return service.store.newest(
+            state=state,
+            outcome=outcome,
+            name=name,
+            campaign=campaign,
+            containing=search.strip(),
+            limit=most,
+            before=before,
+        )
 
     page = read_page(newest, size=limit, cursor=cursor)
     return JobPage(items=[JobSummary.of(job) for job in page.items], next_cursor=page.next_cursor)

@@ -74,7 +74,9 @@ def test_jobs_are_found_by_a_part_of_their_name_or_the_beginning_of_their_id(pag
 
     def found(search: str, **more: Any) -> set[str]:
         text = http.get("/", params={"q": search, **more}).text
-        return {name for name, job_id in ids.items() if f'data-key="{job_id}"' in text}
+        listed = {one["id"] for one in http.get("/api/v1/jobs", params={"q": search, **more}).json()["items"]}
+        assert listed == {job_id for job_id in ids.values() if f'data-key="{job_id}"' in text}
+        return {name for name, job_id in ids.items() if job_id in listed}
 
     assert found("sine") == {"first sine", "Second SINE"}
     assert found("  SECOND ") == {"Second SINE"}
