@@ -9,7 +9,7 @@ from urllib.parse import urlencode
 from fastapi import APIRouter, Query, Request, Response
 
 from benchmarks.paper.table import ARM_NAMES
-from service.admission.cost import LEAST_LIMIT_S, TYPICAL_STEP_S
+from service.admission.cost import LEAST_LIMIT_S
 from service.api.context import Service, ServiceOf
 from service.api.parameters import Cursor, JobId
 from service.api.schemas.campaigns import CampaignView
@@ -111,8 +111,6 @@ def get_submit(
         priority=schema["priority"],
         timeout=schema["timeout_s"] | schema["timeout_s"]["anyOf"][0],
         least_limit_s=LEAST_LIMIT_S,
-        step_s=service.store.step_s() or TYPICAL_STEP_S,
-        measured=service.store.step_s() is not None,
     )
 
 
