@@ -167,7 +167,15 @@ def test_the_drawing_and_the_estimate_follow_the_form(page: Page) -> None:
     before = page.locator("#drawing title").text_content()
     page.get_by_label("Target z").fill("60")
     assert page.locator("#drawing title").text_content() != before
-    assert "60.0 mm, 600 steps" in page.locator("#estimate").inner_text()
+    assert "60.0 mm, 600 steps" in page.locator("#length").inner_text()
+    page.locator("#estimate", has_text=re.compile("About .* between .* and ")).wait_for()
+    focus = page.evaluate("document.activeElement.id")
+    page.get_by_label("Target z").fill("500")
+    page.locator("[data-path='trajectory.target_mm'] .problem").wait_for()  # before anything was submitted
+    assert page.evaluate("document.activeElement.id") == focus
+    assert page.locator("#messages .notice").count() == 0
+    page.get_by_label("Target z").fill("60")
+    page.locator("[data-path='trajectory.target_mm'] .problem").wait_for(state="detached")
     page.get_by_label("Kind").first.select_option("sine")
     page.get_by_label("Amplitude").first.fill("5")
     assert len((page.locator("#drawing .path").first.get_attribute("points") or "").split()) > 100

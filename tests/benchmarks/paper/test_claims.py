@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 
 from benchmarks.cases import Case, Outcome
+from benchmarks.paper import comparison
 from benchmarks.paper.analysis import box, controller_contrasts, direction_contrasts, scores, young_contrasts
 from benchmarks.paper.bands import UNKNOWN, Bands, bands_of
 from benchmarks.paper.claims import assumptions, claims
@@ -169,6 +170,15 @@ def test_pairs_are_matched_by_path_and_clusters_by_end_point() -> None:
     fewer = compare(only(curved, arm="ifem")[3:], only(curved, arm="elm"), group="CUR", names=("ifem", "elm"))
     assert fewer is not None
     assert (fewer.pairs, fewer.unpaired) == (17, 3)
+
+
+def test_what_an_error_was_paid_with_is_told_of_the_pairs_alone(monkeypatch: pytest.MonkeyPatch) -> None:
+    told: list[list[Row]] = []
+    monkeypatch.setattr(comparison, "beside", lambda rows: told.append(list(rows)) or {})
+    curved = only(rows(experiments(2)), group="CUR", young="constant")
+    first, second = only(curved, arm="ifem"), only(curved, arm="elm")
+    compare(first[3:], second[:-1], group="CUR", names=("ifem", "elm"))
+    assert told == [first[3:-1], second[3:-1]]
 
 
 def test_a_comparison_turned_round() -> None:
