@@ -11,8 +11,8 @@ import pytest
 
 from simcore.errors import Status
 from simcore.rollout.authority import AUTHORITY
-from simcore.rollout.rollout import run
 from simcore.rollout.result import TIMES
+from simcore.rollout.rollout import run
 from simcore.rollout.series import SeriesBuilder, summary_ms
 from simcore.rotations import log_map, matrix_from_quaternion
 from tests.simcore.short_run import LINE, STEPS, replay, short
