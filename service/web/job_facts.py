@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import json
 import math
+import shlex
 from functools import cache
 from typing import TYPE_CHECKING, Any, NamedTuple
 
@@ -16,6 +18,8 @@ if TYPE_CHECKING:
 
 AXES = ("x", "y", "z")
 _NO_CHANGE = ("name", "schema")  # fields in which two insertions may differ and be the same run
+_USUAL_KINDS = {"controller": "ifem", "trajectory": "line"}
+_LONGEST_COPY = 4000  # characters of a scenario that is offered to be copied
 _METRICS = {metric.key: metric for metric in METRICS}
 _PATH_WORDS = {
     "line": "a straight line",
@@ -82,6 +86,35 @@ def _defaults(controller: str, trajectory: str) -> dict[str, Any]:
         return Scenario.load({"controller": {"kind": controller}, "trajectory": {"kind": trajectory}}).resolved()
     except (ScenarioError, ValueError):
         return Scenario().resolved()
+
+
+def as_given(scenario: dict[str, Any]) -> dict[str, Any]:
+    """The least to be said to get this scenario: kinds that are not the default ones, what was set, the name."""
+    said: dict[str, Any] = {"name": scenario["name"]}
+    for block, kind in _USUAL_KINDS.items():
+        if scenario[block]["kind"] != kind:
+            said[block] = {"kind": scenario[block]["kind"]}
+    for field, value, _ in differences(scenario):
+        *blocks, leaf = field.split(".")
+        here = said
+        for block in blocks:
+            here = here.setdefault(block, {})
+        here[leaf] = value
+    return said
+
+
+def ways_to_run(scenario: dict[str, Any], address: str) -> dict[str, str]:
+    """The same insertion again, as text to copy: over HTTP, on the command line, in Python. address: of the service.
+    Nothing for a scenario that is too long to be read."""
+    text = json.dumps(as_given(scenario))
+    if len(text) > _LONGEST_COPY:
+        return {}
+    body = json.dumps({"scenario": as_given(scenario)})
+    return {
+        "curl": f"curl -sf -X POST {address}/api/v1/jobs -H 'content-type: application/json' -d {shlex.quote(body)}",
+        "Command line": f"echo {shlex.quote(text)} > mine.json\nneedlebench run mine.json --out results/mine",
+        "Python": f"from needlebench import Scenario, run\n\nrollout = run(Scenario.load({as_given(scenario)!r}))",
+    }
 
 
 def measures(part: str, values: dict[str, Any]) -> Iterator[Measure]:

@@ -21,7 +21,7 @@ from service.store.job import FINISHED, QUEUED, RUNNING, TERMINAL, Job, UnknownJ
 from service.store.models import UnknownModelError
 from service.store.paging import read_page
 from service.web.form import scenario_form
-from service.web.job_facts import differences, measures, path_words
+from service.web.job_facts import differences, measures, path_words, ways_to_run
 from service.web.site import missing, page
 from simcore.scenario.point_rules import without_derived
 from simcore.scenario.presets import preset, preset_names
@@ -174,6 +174,7 @@ def get_job(job_id: JobId, request: Request, service: ServiceOf) -> Response:
         artefacts=artefacts,
         events=[EventView.of(event) for event in service.store.events(job.id)],
         **_what_ran(view),
+        ways=ways_to_run(view.scenario, str(request.base_url).rstrip("/")) if view.scenario else {},
         **_result_values(view.result or {}),
         **_drawable(job, view, {artefact.name for artefact in artefacts}),
     )

@@ -78,6 +78,10 @@ def test_progress_is_told_while_it_runs_and_cancel_ends_it(page: Page, server: S
     page.locator("#plot-error canvas").wait_for()
     assert page.evaluate("document.querySelector('#job progress').value") > 0
     page.get_by_role("button", name="Cancel").click()
+    page.get_by_role("button", name="No").click()
+    assert page.locator("#job .state.running").is_visible()
+    page.get_by_role("button", name="Cancel").click()
+    page.get_by_role("button", name="Yes").click()
     page.locator("#job .state.cancelled").wait_for()
     assert page.get_by_role("button", name="Retry").is_visible()
     assert page.locator("#plot-error canvas").is_visible()
@@ -183,6 +187,24 @@ def test_the_drawing_and_the_estimate_follow_the_form(page: Page) -> None:
     assert page.locator("#drawing title").text_content() == before
 
 
+def test_jobs_are_chosen_in_the_list_and_shown_side_by_side(page: Page, server: Server) -> None:
+    ids = [server.client.submit({"name": f"brisk {name}"}).id for name in ("a", "b")]
+    for job in ids:
+        server.client.wait(job)
+    page.goto("/?q=brisk")
+    page.get_by_label("Choose brisk a").check()
+    assert page.locator("#side-by-side").is_hidden()
+    page.get_by_label("Choose brisk b").check()
+    page.evaluate("document.dispatchEvent(new CustomEvent('changed'))")  # the list is read again
+    page.get_by_role("link", name="Show side by side").click()
+    for name in ("error", "rcm", "force", "drag"):
+        page.locator(f"#plot-{name} canvas").wait_for()
+    until(lambda: "brisk b" in page.locator("#plot-force .u-legend").inner_text())
+    assert "brisk a" in (page.locator("#plot-error").get_attribute("aria-label") or "")
+    page.get_by_label("over time").check()
+    page.locator("#plot-error", has_text="time").wait_for()
+
+
 def test_a_scenario_survives_the_form(page: Page, server: Server) -> None:
     """Started from a job, sent unchanged: the same scenario comes out."""
     fields = {
@@ -209,6 +231,7 @@ def test_the_list_follows_jobs_and_filters(page: Page, server: Server) -> None:
     row.locator(".state.running").wait_for()
     until(lambda: page.evaluate(f"document.querySelector(\"tr[data-key='{job.id}'] progress\").value") > 0.1)
     row.get_by_role("button", name="Cancel").click()
+    page.get_by_role("button", name="Yes").click()
     row.locator(".state.cancelled").wait_for()
     page.get_by_role("navigation", name="Filter by state").get_by_role("link", name=re.compile("cancelled")).click()
     page.wait_for_url("**/?state=cancelled")

@@ -138,3 +138,18 @@ document.addEventListener("click", async (event) => {
   else quiet();
   document.dispatchEvent(new CustomEvent("changed"));
 });
+
+document.addEventListener("click", async ({ target }) => {
+  const button = target.closest("button[data-copy]");
+  if (!button) return;
+  const text = document.getElementById(button.dataset.copy).textContent;
+  const before = button.firstChild.textContent;
+  try {
+    await navigator.clipboard.writeText(text);
+    button.firstChild.textContent = "Copied";
+  } catch { // a page that is not of this machine and not https may not write there
+    getSelection().selectAllChildren(document.getElementById(button.dataset.copy));
+    button.firstChild.textContent = "Selected";
+  }
+  setTimeout(() => { button.firstChild.textContent = before; }, 2000);
+});

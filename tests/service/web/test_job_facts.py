@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import json
 import math
+import shlex
 from typing import Any
 
 import pytest
 
-from service.web.job_facts import differences, measures, path_words
+from service.web.job_facts import as_given, differences, measures, path_words, ways_to_run
 from simcore.metric_definitions import METRICS
 from simcore.scenario.presets import preset, preset_names
 from simcore.scenario.scenario import Scenario
@@ -44,6 +46,34 @@ def test_every_built_in_scenario_can_be_told(name: str) -> None:
     scenario = preset(name).resolved()
     assert path_words(scenario)
     assert all(one.field != "name" for one in differences(scenario))
+
+
+@pytest.mark.parametrize(
+    "given",
+    [
+        {"name": "mine"},
+        {"name": "its (own)", "trajectory": {"kind": "sine", "target_mm": [18, 31, 40]}, "controller": {"kind": "elm"}},
+        {"tissue": {"fixed_faces": ["z_max"]}, "controller": {"orientation": "axis"}, "dt_s": 0.02, "seed": 3},
+    ],
+)
+def test_what_is_offered_to_be_copied_is_the_same_scenario(given: dict[str, Any]) -> None:
+    scenario = Scenario.load(given).resolved()
+    assert Scenario.load(as_given(scenario)).resolved() == scenario
+    ways = ways_to_run(scenario, "http://127.0.0.1:1")
+    spoken = shlex.split(ways["curl"])
+    assert Scenario.load(json.loads(spoken[-1])["scenario"]).resolved() == scenario
+    file, *_ = shlex.split(ways["Command line"].partition(" > ")[0].removeprefix("echo "))
+    assert Scenario.load(json.loads(file)).resolved() == scenario
+    seen: list[Any] = []
+    code = ways["Python"].replace("from needlebench import Scenario, run", "")
+    exec(code, {"Scenario": Scenario, "run": seen.append})  # the text under test
+    assert seen[0].resolved() == scenario
+
+
+def test_a_long_scenario_is_not_offered_to_be_copied() -> None:
+    poses = [[0.018, 0.031, -0.126 + 1e-5 * i, 1.0, 0.0, 0.0, 0.0] for i in range(200)]
+    scenario = {**Scenario().resolved(), "controller": {"kind": "replay", "poses": poses}}
+    assert ways_to_run(scenario, "http://127.0.0.1:1") == {}
 
 
 def test_a_number_says_what_it_means_and_whether_it_is_odd() -> None:
