@@ -66,6 +66,8 @@ def test_submit_from_the_form_and_follow_to_the_end(page: Page) -> None:
     assert page.get_by_role("row", name=re.compile("rmse_commanded_mm")).count() == 1
     assert page.get_by_role("link", name="series.npz").count() == 1
     assert page.get_by_role("row", name=re.compile("finished")).count() == 1
+    page.get_by_text("Log of the last attempt").click()
+    page.locator("#log pre", has_text="logged").wait_for()
     page.locator("#plot-error", has_text="depth").wait_for()
     page.get_by_label("over time").check()
     page.locator("#plot-error", has_text="time").wait_for()
