@@ -26,7 +26,7 @@ ARMS = ("ifem", "elm", "pi", "regressor")
 def recipe() -> list[Snippet]:
     """Its blocks: the package, its pyproject.toml, the preparation, the commands."""
     lines = PAGE.read_text(encoding="utf-8").splitlines()
-    begin = lines.index("## Compare your controllers with those there are") + 1
+    begin = lines.index("## Your own controllers in a comparison, in sixty lines") + 1
     end = next(number for number in range(begin, len(lines)) if lines[number].startswith("## ")) + 1
     return [one for one in snippets(PAGE) if begin < one.line < end]
 
