@@ -309,7 +309,7 @@ def test_poses_are_reached_as_fast_as_the_robot_may(env: NeedleEnv) -> None:
     [
         (AbsolutePose, [18.0, 31.0, -180.0, 1, 0, 0, 0], "position_m = [18.0, 31.0, -180.0]"),
         (AbsolutePose, [18.0, 31.0, -180.0, 1, 0, 0, 0], "looks like millimetres"),
-        (AbsolutePose, [0, 0, -40, 1, 0, 0, 0], "at most 10 m are allowed"),
+        (AbsolutePose, [0, 0, -1200, 1, 0, 0, 0], "at most 10 m are allowed"),
         (AbsolutePose, [0, 0, math.inf, 1, 0, 0, 0], "[0.0, 0.0, inf, 1.0, 0.0, 0.0, 0.0], values that are not finite"),
         (ThroughEntry, [0, math.nan, 0.1], "[0.0, nan, 0.1], values that are not finite"),
     ],
