@@ -54,6 +54,44 @@ def test_gymnasium_finds_nothing_wrong(name: str, tmp_path: Path) -> None:
     made.close()
 
 
+@pytest.mark.parametrize("name", IDS)
+@pytest.mark.filterwarnings("ignore:.*unconventional shape:UserWarning")
+def test_stable_baselines_finds_nothing_wrong(name: str) -> None:
+    """It advises to flatten what has two axes, and no more; its policies for dictionaries do."""
+    checker = pytest.importorskip("stable_baselines3.common.env_checker", reason="stable-baselines3 is not installed")
+    made = gymnasium.make(name, changes=COARSE, render_mode="rgb_array")
+    checker.check_env(made, skip_render_check=False)
+    made.close()
+
+
+@pytest.mark.parametrize("name", IDS)
+@pytest.mark.parametrize("privileged", [False, True])
+def test_what_stable_baselines_asks_of_an_environment(name: str, privileged: bool) -> None:
+    """Its documented rules, without it: a flat dictionary of finite boxes in single precision, actions in -1 ... 1, a
+    reset that takes a seed, plain types, nothing that is not finite."""
+    made = gymnasium.make(name, changes=COARSE, privileged=privileged)
+    space, actions = made.observation_space, made.action_space
+    assert isinstance(space, gymnasium.spaces.Dict)
+    for box in (actions, *space.values()):
+        assert isinstance(box, gymnasium.spaces.Box)
+        assert box.dtype == np.float32
+        assert np.isfinite([box.low, box.high]).all()
+        np.testing.assert_array_equal(box.low, -box.high)
+    assert (actions.high == 1.0).all()
+    seen, info = made.reset(seed=0)
+    for _ in range(5):
+        assert isinstance(info, dict)
+        assert list(seen) == list(space)
+        for key, box in space.items():
+            assert (seen[key].dtype, seen[key].shape) == (np.float32, box.shape), key
+            assert np.isfinite(seen[key]).all(), key
+            assert box.contains(seen[key]), key
+        seen, reward, terminated, truncated, info = made.step(actions.sample())
+        assert (type(reward), type(terminated), type(truncated)) == (float, bool, bool)
+        assert math.isfinite(reward)
+    made.close()
+
+
 def test_the_ids_are_those_of_the_tasks_and_import_themselves() -> None:
     assert tuple(f"needlebench/{task}-v0" for task in ("Line", "Curve", "Breathing", "Mismatch", "Reach")) == IDS
     code = (
