@@ -10,7 +10,7 @@ from contextlib import suppress
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
-from service.engine.attempt_end import artefacts_of, named, outcome_of, spec_of
+from service.engine.attempt_end import artefacts_of, last_report, named, outcome_of, spec_of
 from service.engine.attempt_trace import AttemptTrace
 from service.engine.attempt_watch import AttemptWatch, Ending, publish_progress
 from service.engine.health_checks import disk_check
@@ -222,7 +222,10 @@ class Slot(threading.Thread):
             asks, self._heard = self._heard or self.beats % _ASK_EVERY == 0, False
             cancelled = publish_progress(self._store, self.trace, job, due, beats=beats, asks=asks)
             held_mb = self._worker.held_mb()
-            if (ending := watch.ending(time.monotonic(), cancelled=cancelled, held_mb=held_mb)) is not None:
+            where = last_report(job, latest)
+            if (
+                ending := watch.ending(time.monotonic(), cancelled=cancelled, held_mb=held_mb, where=where)
+            ) is not None:
                 return self._cut_short(job, ending)
         return None
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import re
 from typing import TYPE_CHECKING
 
@@ -9,6 +10,7 @@ import pytest
 
 from tests.acceptance.server import Server, running_server, until
 from tests.browser.browser import PATIENCE_MS, PROGRAM, chromium, opened
+from tests.chaos import plugin_package
 from tests.service.learned import dataset_bytes
 
 if TYPE_CHECKING:
@@ -23,11 +25,17 @@ pytestmark = [
 ]
 
 
+LONG = "a_controller_whose_name_has_no_place_to_break_it_and_goes_on_and_on_for_almost_a_hundred_characters"
+
+
 @pytest.fixture(scope="module")
 def server(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Server]:
     folder = tmp_path_factory.mktemp("pages")
-    with running_server(folder, runner="tests.browser.runner:run_job", workers=1) as started:
-        yield started
+    packages = plugin_package.install(folder / "packages", LONG)
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setenv("PYTHONPATH", os.pathsep.join(filter(None, [str(packages), os.environ.get("PYTHONPATH")])))
+        with running_server(folder, runner="tests.browser.runner:run_job", workers=1) as started:
+            yield started
 
 
 @pytest.fixture(scope="module")
@@ -387,6 +395,25 @@ def test_text_has_contrast_light_and_dark_and_nothing_overflows(browser: Browser
             assert not faint, (address, scheme, faint)
         background = page.evaluate("getComputedStyle(document.body).backgroundColor")
         assert (sum(map(int, re.findall(r"\d+", background)[:3])) < 200) == (scheme == "dark")
+
+
+def test_long_names_make_no_page_scroll_sideways_and_wide_tables_do_so_by_keys(page: Page, server: Server) -> None:
+    arms = [{"kind": "ifem"}, {"kind": "plugin", "name": LONG, "settings": {"does": "nothing"}}]
+    grid = {"controller": arms, "trajectory.target_mm": [[18, 31, 30], [18, 31, 31]]}
+    campaign = server.client.start_campaign({"name": LONG, "grid": grid})
+    server.client.wait_campaign(campaign.id)
+    for address in (f"/compare?a={campaign.id}&every=1", f"/campaigns/{campaign.id}", "/trends/grid"):
+        page.goto(address)
+        page.evaluate("for (const one of document.querySelectorAll('details')) one.open = true")
+        for width in (390, 1440):
+            page.set_viewport_size({"width": width, "height": 900})
+            assert page.evaluate("document.documentElement.scrollWidth <= innerWidth"), (address, width)
+        page.set_viewport_size({"width": 390, "height": 900})
+        table = page.get_by_role("region").locator("visible=true").first
+        table.focus()
+        for _ in range(5):
+            page.keyboard.press("ArrowRight")
+        until(lambda table=table: table.evaluate("(e) => e.scrollLeft") > 0)
 
 
 def test_a_service_that_is_away_is_told(browser: Browser, server: Server) -> None:

@@ -11,6 +11,7 @@ import pytest
 
 from service.engine.attempt_watch import AttemptWatch
 from service.logs import FULL, LOG, MAXIMUM_BYTES
+from service.worker.leftovers import Belongings, end_leftovers
 from service.worker.process import WorkerDiedError, WorkerProcess
 from service.worker.processes import descendants, session_members
 from service.worker.specs import AttemptReport, InsertionSpec
@@ -49,6 +50,16 @@ def run(worker: WorkerProcess, folder: Path, name: str, *, plugin: bool = False)
     if report.leftovers:
         worker.kill()
     return report
+
+
+def test_a_library_that_a_plug_in_imports_costs_no_process(monkeypatch: pytest.MonkeyPatch) -> None:
+    """scikit-learn and joblib set a variable for OpenMP each, which is no other environment for anybody."""
+    before = Belongings.now()
+    monkeypatch.setenv("KMP_DUPLICATE_LIB_OK", "another value")
+    monkeypatch.setenv("KMP_INIT_AT_FORK", "another value")
+    assert end_leftovers(before, strict=True) == ()
+    monkeypatch.setenv("ANOTHER", "value")
+    assert end_leftovers(before, strict=True) == ("another environment",)
 
 
 def started(folder: Path) -> int:
