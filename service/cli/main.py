@@ -42,6 +42,7 @@ _COMMANDS = {  # name -> (module, what it does); the order is that of the help
     "recording": ("recording", "Open or download the recording of a job."),
     "series": ("local", "Write the time series of a result as CSV, JSON or Parquet."),
     "verify": ("verify", "Run a result again and compare."),
+    "bundle": ("bundles", "Put the results of an experiment into one archive; check one, run it again."),
     "gc": ("operations", "Remove old jobs with their files, and unused uploads."),
     "backup": ("backups", "Back up a data folder while its service works."),
     "restore": ("backups", "Put a backup in the place of a data folder's database."),
