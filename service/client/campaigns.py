@@ -101,7 +101,7 @@ class CampaignCalls(Connection):
         """Its insertions in the order of the suite, page by page: case, labels, job (None once deleted), outcome."""
         cursor = None
         while True:
-            params = {} if cursor is None else {"cursor": cursor}
+            params: dict[str, str] = {} if cursor is None else {"cursor": cursor}
             page = self._json("GET", f"/api/v1/campaigns/{part(campaign_id)}/jobs", params=params)
             yield from page["items"]
             cursor = page["next_cursor"]

@@ -318,7 +318,7 @@ def test_source_that_is_not_the_code_that_ran_is_refused(plugin_bundle: Path, tm
 def test_a_controller_in_another_process_makes_an_open_bundle(folder: Path, tmp_path: Path) -> None:
     """Such a result is one of the folder whose arm says so; its connection is nobody's business."""
     stored = json.loads((folder / "run 1" / "result.json").read_text())
-    block = {"kind": "remote", "name": "theirs", "address": "unix:/home/jane/s.sock", "settings": {}, "delay_s": 0.0}
+    block = {"kind": "remote", "name": "theirs", "address": "unix:/run/jane/s.sock", "settings": {}, "delay_s": 0.0}
     arm = {"kind": "remote", "controller": "theirs", "settings": {}, "version": None, "code_sha256": None, "files": {}}
     stored["provenance"]["scenario"]["controller"] = block
     stored["provenance"]["arm"] = arm

@@ -1,40 +1,55 @@
-"""The insertions of a campaign, from the service that has them."""
+"""The insertions of an experiment that is over, as a command names them: a folder, or the id of a campaign."""
 
 from __future__ import annotations
 
 import shutil
 from contextlib import contextmanager
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 from service.cli.connection import service_client, with_field_errors
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
-    from pathlib import Path
 
     from service.client.campaign_insertions import CampaignInsertions
     from service.client.client import Client
+    from service.local.insertion_sets import InsertionSet
 
 
 @contextmanager
-def campaign_insertions(
-    campaign_id: str, *, url: str | None, data: Path | None, scratch: Path
-) -> Iterator[CampaignInsertions]:
-    """The insertions of a campaign that has ended. scratch: folder of what is downloaded, removed at the end.
+def insertions_of(
+    source: str, scratch: Path, *, data: Path | None, url: str | None, name: str | None = None
+) -> Iterator[InsertionSet]:
+    """The insertions of a folder, or those of a campaign: of the service at `url`, or in the data folder. scratch:
+    folder of what is downloaded, removed at the end. name: of the suite.
 
-    Raises ScenarioError for one that is running, ServiceError for an unknown one.
+    Raises ScenarioError for a folder without insertions and for a campaign that is running, ServiceError for an unknown
+    one.
     """
+    from service.local.insertion_sets import insertions_in
+
+    if Path(source).is_dir():
+        yield insertions_in(Path(source), name=name)
+        return
+    with _campaign(source, scratch, data=data, url=url) as found:
+        found.suite = name or found.suite
+        yield found
+
+
+@contextmanager
+def _campaign(campaign_id: str, scratch: Path, *, data: Path | None, url: str | None) -> Iterator[CampaignInsertions]:
     from service.client.campaign_insertions import download_campaign
 
     try:
-        with client_of(url, data) as client:
+        with _client(url, data) as client:
             yield download_campaign(client, campaign_id, scratch)
     finally:
         shutil.rmtree(scratch, ignore_errors=True)
 
 
 @contextmanager
-def client_of(url: str | None, data: Path | None) -> Iterator[Client]:
+def _client(url: str | None, data: Path | None) -> Iterator[Client]:
     """A client of the service at `url`, of that on the data folder, which is started if none is running, or of the one
     that was started last."""
     if data is None:

@@ -12,6 +12,7 @@ import click
 
 from service.blas_threads import one_thread
 from service.cli.connection import data_option, url_option
+from service.cli.results.output_file import free_to_write
 from simcore.errors import Problem, ScenarioError
 
 if TYPE_CHECKING:
@@ -19,7 +20,6 @@ if TYPE_CHECKING:
 
     from benchmarks.bundles.check import Bundle
     from benchmarks.bundles.verification import CaseVerification, Verification
-    from service.local.insertion_sets import InsertionSet
 
 FILE = click.Path(dir_okay=False, path_type=Path)
 DIFFERENT, NOT_RUN = 1, 3
@@ -40,6 +40,7 @@ def bundle() -> None:
     Make one:                needlebench bundle make out/paper --out paper.zip
     Is it whole:             needlebench bundle check paper.zip --id 3f2a90c1
     Is it true:              needlebench bundle verify paper.zip --sample 5
+    Show several:            needlebench leaderboard *.zip --out site
     """
 
 
@@ -89,13 +90,14 @@ def make(
     Exit code: 0 made   1 crash   2 bad input, or code and files that are not those that ran
     """
     one_thread()
-    from service.cli.learning import free_to_write
+    from service.cli.results.insertion_source import insertions_of
     from service.local.bundle_making import Chosen, draft_bundle
     from service.local.bundle_source import given_source
 
     free_to_write(path, force=force)
     given = [given_source(text) for text in options["given"]]
-    with _insertions(source, path, name, data=data, url=url) as insertions, _refusals("bundle"):
+    scratch = path.with_name(f"{path.name}.parts")
+    with insertions_of(source, scratch, data=data, url=url, name=name) as insertions, _refusals("bundle"):
         draft = draft_bundle(insertions, Chosen(options["count"], options["seed"]), given, _say)
         manifest = draft.manifest
         without = manifest.chosen.asked - len(manifest.chosen.cases)
@@ -107,23 +109,6 @@ def make(
             _say(f"warning: {without} of {manifest.chosen.asked} chosen cases cannot be run again")
         draft.write(path)
     click.echo(manifest.id)
-
-
-@contextmanager
-def _insertions(
-    source: str, path: Path, name: str | None, *, data: Path | None, url: str | None
-) -> Iterator[InsertionSet]:
-    """The insertions of a folder, or those of a campaign."""
-    from service.local.insertion_sets import insertions_in
-
-    if Path(source).is_dir():
-        yield insertions_in(Path(source), name=name)
-        return
-    from service.cli.campaign_source import campaign_insertions
-
-    with campaign_insertions(source, url=url, data=data, scratch=path.with_name(f"{path.name}.parts")) as found:
-        found.suite = name or found.suite
-        yield found
 
 
 @bundle.command()
