@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 from pydantic import BaseModel, ConfigDict, Field, StringConstraints, model_validator
 
 from benchmarks.grid.suite import grid
-from benchmarks.paper.suites import suite
+from benchmarks.suites.catalogue import suite
 from service.admission.admission import checked_apart, names_mesh
 from service.admission.cost import Cost, check_cost, time_limit_s
 from service.files.upload_names import UploadLookup

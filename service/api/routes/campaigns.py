@@ -7,8 +7,8 @@ from typing import Annotated
 
 from fastapi import APIRouter, Query, Request, Response, status
 
-from benchmarks.paper.suites import suite_names
 from benchmarks.paper.table import insertions_csv, rows
+from benchmarks.suites.catalogue import suite_names
 from service.admission.campaign_planner import CampaignRequest
 from service.api.context import Service, ServiceOf
 from service.api.json_bodies import JsonBodyRoute
