@@ -5,7 +5,7 @@ from __future__ import annotations
 import csv
 import io
 import math
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pytest
@@ -33,6 +33,9 @@ from tests.benchmarks.paper.synthetic import (
     sensitivity,
     timings,
 )
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable
 
 NARROW = Bands(named_mm=1e-4, named_difference_mm=1e-4)
 
@@ -174,7 +177,12 @@ def test_pairs_are_matched_by_path_and_clusters_by_end_point() -> None:
 
 def test_what_an_error_was_paid_with_is_told_of_the_pairs_alone(monkeypatch: pytest.MonkeyPatch) -> None:
     told: list[list[Row]] = []
-    monkeypatch.setattr(comparison, "beside", lambda rows: told.append(list(rows)) or {})
+
+    def noted(found: Iterable[Row]) -> dict[str, float | None]:
+        told.append(list(found))
+        return {}
+
+    monkeypatch.setattr(comparison, "beside", noted)
     curved = only(rows(experiments(2)), group="CUR", young="constant")
     first, second = only(curved, arm="ifem"), only(curved, arm="elm")
     compare(first[3:], second[:-1], group="CUR", names=("ifem", "elm"))

@@ -48,9 +48,9 @@ def test_the_page_needs_two_insertions_that_there_are(tmp_path: Path) -> None:
         assert "None: the scenarios are the same." in page.text
         finish(service)
         finish(service)
-        page = http.get("/side-by-side", params={"job": [ids[1], ids[0], ids[1]]}).text
-        assert "they are the same to the last bit" in page
-        assert page.index(ids[1]) < page.index(ids[0])
+        text = http.get("/side-by-side", params={"job": [ids[1], ids[0], ids[1]]}).text
+        assert "they are the same to the last bit" in text
+        assert text.index(ids[1]) < text.index(ids[0])
         assert http.get("/side-by-side", params={"job": ids[:1]}).status_code == 404
         assert http.get("/side-by-side", params={"job": [*ids, "0" * 16]}).status_code == 404
         assert http.get("/side-by-side", params={"job": [str(i) for i in range(7)]}).status_code == 422
