@@ -22,6 +22,9 @@ COMPILE = env -u UV_INDEX -u UV_INDEX_URL -u UV_EXTRA_INDEX_URL -u UV_DEFAULT_IN
 	$(UV) pip compile --universal --python-version 3.11 --fork-strategy fewest --generate-hashes --no-config \
 	--no-emit-index-url --no-emit-find-links --custom-compile-command "make lock" --quiet
 
+# Hundreds of processes that would each compile the code again: tests keep bytecode whatever the environment says.
+test test-fast test-long test-python chaos verification: export PYTHONDONTWRITEBYTECODE :=
+
 .PHONY: help run env env-dev check test test-fast test-long test-python chaos docs verification golden models lock hooks image clean
 
 help:  ## this list

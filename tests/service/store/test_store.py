@@ -80,6 +80,15 @@ def test_the_life_of_a_job(store: Store, heard: list[str]) -> None:
     assert job.created_at < (running.started_at or 0) < (done.finished_at or 0)
 
 
+def test_the_last_progress_stays_with_a_job_that_ended(store: Store) -> None:
+    for told, kept in (({"step": 9}, {"step": 9}), (None, {"step": 4})):
+        submit(store)
+        running = claim(store)
+        store.beat(running, {"step": 4})
+        done = store.finish(running, Outcome(state="finished", result=RESULT.result, progress=told))
+        assert done.progress == store.get(done.id).progress == kept
+
+
 def test_claims_go_by_priority_then_by_arrival(store: Store) -> None:
     for name, priority in (("a", 0), ("b", 5), ("c", 0), ("d", 5)):
         submit(store, name, priority=priority)
