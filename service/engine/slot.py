@@ -221,11 +221,8 @@ class Slot(threading.Thread):
             due, beats = watch.due(time.monotonic(), latest), watch.beats(time.monotonic())
             asks, self._heard = self._heard or self.beats % _ASK_EVERY == 0, False
             cancelled = publish_progress(self._store, self.trace, job, due, beats=beats, asks=asks)
-            held_mb = self._worker.held_mb()
-            where = last_report(job, latest)
-            if (
-                ending := watch.ending(time.monotonic(), cancelled=cancelled, held_mb=held_mb, where=where)
-            ) is not None:
+            where, now_s = last_report(job, latest), time.monotonic()
+            if ending := watch.ending(now_s, cancelled=cancelled, held_mb=self._worker.held_mb(), where=where):
                 return self._cut_short(job, ending)
         return None
 
