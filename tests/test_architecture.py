@@ -30,7 +30,7 @@ LONGER = {
 MAXIMUM_MODULES = 25  # of a folder
 
 SIMCORE_NEEDS = {"numpy", "scipy", "numba", "pydantic", "pydantic_core", "threadpoolctl", "platformdirs"}
-BENCHMARKS_NEED = {*SIMCORE_NEEDS, "simcore", "benchmarks", "jinja2"}  # jinja2: the page of the paper's report
+BENCHMARKS_NEED = {*SIMCORE_NEEDS, "simcore", "benchmarks", "jinja2", "rfc8785"}  # pages; manifests of bundles
 NETWORK = {"http", "socket", "socketserver", "urllib", "ssl", "asyncio", "sqlite3", "ftplib", "smtplib"}
 
 

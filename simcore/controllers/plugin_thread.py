@@ -40,9 +40,11 @@ class PluginThread:
         self._calls: SimpleQueue[Callable[[], Any] | None] = SimpleQueue()
         self._replies: SimpleQueue[Reply] = SimpleQueue()
         self._late = False
+        self._ready = threading.Event()  # an exception from outside must not end it within a library of somebody else's
         context = copy_context()
         self._thread = threading.Thread(target=context.run, args=(self._serve,), name=f"controller {name}", daemon=True)
         self._thread.start()
+        self._ready.wait()
 
     def call(self, function: Callable[[], Answer], limit_s: float) -> Answer:
         """What it returns, or raises, whatever that is. Raises LateError after limit_s: nothing can be called then."""
@@ -73,9 +75,13 @@ class PluginThread:
             ctypes.pythonapi.PyThreadState_SetAsyncExc(ctypes.c_ulong(identity), ctypes.py_object(_AbandonedError))
 
     def _serve(self) -> None:
-        with suppress(_AbandonedError), threadpool_limits(1):
-            while (function := self._calls.get()) is not None:
-                self._replies.put(_called(function))
+        try:
+            with suppress(_AbandonedError), threadpool_limits(1):
+                self._ready.set()
+                while (function := self._calls.get()) is not None:
+                    self._replies.put(_called(function))
+        finally:
+            self._ready.set()
 
 
 def _called(function: Callable[[], Any]) -> Reply:

@@ -46,6 +46,7 @@ def straight(env: NeedleEnv) -> np.ndarray:
     return action_towards(pose, seen.base, env.episode.limits, seen.dt_s)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", IDS)
 @pytest.mark.filterwarnings("ignore:.*render.*:UserWarning")
 def test_gymnasium_finds_nothing_wrong(name: str, tmp_path: Path) -> None:
@@ -92,6 +93,7 @@ def test_what_stable_baselines_asks_of_an_environment(name: str, privileged: boo
     made.close()
 
 
+@pytest.mark.slow
 def test_the_ids_are_those_of_the_tasks_and_import_themselves() -> None:
     assert tuple(f"needlebench/{task}-v0" for task in ("Line", "Curve", "Breathing", "Mismatch", "Reach")) == IDS
     code = (
@@ -126,6 +128,7 @@ def test_without_a_seed_every_reset_is_another_episode(env: NeedleEnv) -> None:
     assert len({env.reset()[1]["scenario"]["seed"] for _ in range(3)}) == 3
 
 
+@pytest.mark.slow
 def test_an_episode_of_an_environment_is_a_run_of_its_commands(env: NeedleEnv) -> None:
     """The same series as of a replay of its commands, and the metrics of result.json."""
     scenario = short(robot={"max_speed_mm_s": 50})
@@ -276,6 +279,7 @@ def test_an_action_is_the_twist_that_the_robot_can_make(env: NeedleEnv) -> None:
 # ---- pictures
 
 
+@pytest.mark.slow
 def test_a_picture_shows_block_path_and_needle(env: NeedleEnv) -> None:
     env.reset(options={"scenario": short()})
     first = env.render()

@@ -85,6 +85,7 @@ def test_what_a_plug_in_leaves_in_its_process_is_reported(
     assert left in (tmp_path / "1" / LOG).read_text()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("name", "left"),
     [
