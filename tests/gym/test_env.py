@@ -87,7 +87,9 @@ def test_what_stable_baselines_asks_of_an_environment(name: str, privileged: boo
             assert (seen[key].dtype, seen[key].shape) == (np.float32, box.shape), key
             assert np.isfinite(seen[key]).all(), key
             assert box.contains(seen[key]), key
-        seen, reward, terminated, truncated, info = made.step(actions.sample())
+        seen, reward, terminated, truncated, info = made.step(
+            0.1 * actions.sample()
+        )  # gently: a loose needle loses its target
         assert (type(reward), type(terminated), type(truncated)) == (float, bool, bool)
         assert math.isfinite(reward)
     made.close()
