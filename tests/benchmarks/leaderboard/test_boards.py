@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
+import json
 import math
 import re
 from html.parser import HTMLParser
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import pytest
 
+from benchmarks.bundles.check import open_bundle
 from benchmarks.bundles.manifest import Choice, FileRecord, Maker, Manifest, Origin, SuiteRecord, Timing
 from benchmarks.bundles.tasks import tasks_sha256
 from benchmarks.bundles.verification import CaseVerification, Verification
@@ -151,6 +154,21 @@ def test_pages_need_nothing_and_every_link_leads_somewhere() -> None:
     page = _Links(shown[board["file"]])
     assert page.links.count(f"#b-{one.id[:12]}") >= 3 * 8, "every figure leads to its bundle"
     assert all(r["file"] in page.links for b in board["bundles"] for r in b["recordings"])
+
+
+def test_the_committed_example_is_whole_and_small() -> None:
+    site = Path(__file__).resolve().parents[3] / "benchmarks" / "results" / "leaderboard"
+    entries = []
+    for path in sorted((site / "bundles").glob("*.zip")):
+        with open_bundle(path, wanted_id=path.stem) as bundle:
+            entries.append(Entry(bundle.manifest, bundle.outcomes))
+    committed = json.loads((site / "leaderboard.json").read_text())
+    (board,) = committed["boards"]
+    (again,) = document(entries)["boards"]
+    assert [(line["arm"], line["iqm_mm"]) for line in again["lines"]] == [
+        (line["arm"], pytest.approx(line["iqm_mm"])) for line in board["lines"]
+    ]
+    assert sum(file.stat().st_size for file in site.rglob("*") if file.is_file()) < 1_000_000
 
 
 def test_a_case_does_not_matter_by_its_name() -> None:
