@@ -6,6 +6,7 @@ import http.client
 import json
 import re
 from collections import Counter, defaultdict
+from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
 from hypothesis import HealthCheck, Phase, Verbosity, given, seed, settings
@@ -14,6 +15,7 @@ from hypothesis import strategies as st
 from tests.acceptance.server import Server, running_server, until
 from tests.chaos.flat import Held
 from tests.chaos.hostile import IDS, KNOWN, PAGES, allowed_and_forbidden, malicious
+from tests.chaos.near_limits import UPLOAD_MB, near_limits
 from tests.chaos.wire import Request, ask
 
 if TYPE_CHECKING:
@@ -67,7 +69,7 @@ class Asker:
         headers = request.headers
         if self._chance.random() < 0.98 and not any(name.lower() == "authorization" for name, _ in headers):
             headers = (*headers, ("Authorization", f"Bearer {_KEY}"))
-        return Request(request.method, target, headers, request.body)
+        return replace(request, target=target, headers=headers)
 
     def _remember(self, target: str, body: bytes) -> None:
         for path in IDS.values():
@@ -121,17 +123,18 @@ def test_generated_requests(
 ) -> None:
     monkeypatch.setenv("NEEDLEBENCH_RATE_PER_KEY", "0")
     monkeypatch.setenv("NEEDLEBENCH_MAX_QUEUE", "100")
+    monkeypatch.setenv("NEEDLEBENCH_MAX_UPLOAD_MB", str(UPLOAD_MB))
     with running_server(tmp_path, runner="tests.chaos.instant:run_job", api_key=_KEY) as server:
         until(lambda: Held.by(server.process.pid).processes >= 2)
         document = _document(server)
         asker = Asker(server, chance)
-        kinds = [allowed_and_forbidden(document), malicious([*document["paths"], *PAGES])]
+        kinds = [allowed_and_forbidden(document), malicious([*document["paths"], *PAGES]), near_limits()]
         held = []
         for share in (_WARM, 0.5, 1.0):
             while len(asker.asked) < share * requests:
                 missing = round(share * requests) - len(asker.asked)
                 for kind in kinds:
-                    _each(kind, max(1, min(missing // 2, 500)), chance.getrandbits(32), asker)
+                    _each(kind, max(1, min(missing // len(kinds), 500)), chance.getrandbits(32), asker)
             held.append(_at_rest(server))
         for request in asker.asked[:]:
             asker(request)
