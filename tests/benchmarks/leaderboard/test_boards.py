@@ -15,7 +15,7 @@ from benchmarks.bundles.check import open_bundle
 from benchmarks.bundles.manifest import Choice, FileRecord, Maker, Manifest, Origin, SuiteRecord, Timing
 from benchmarks.bundles.tasks import tasks_sha256
 from benchmarks.bundles.verification import CaseVerification, Verification
-from benchmarks.cases import Case, Outcome, Suite
+from benchmarks.cases import Case, Label, Outcome, Suite
 from benchmarks.grid.profiles import interquartile_mean
 from benchmarks.leaderboard.boards import Entry, document
 from benchmarks.leaderboard.pages import pages
@@ -34,7 +34,7 @@ def outcomes(errors: Mapping[str, float], *, count: int = 8, replace: Any = None
         for i in range(count):
             other = None if replace is None else replace(arm, i)
             value = error + 0.01 * i if other is None else other
-            labels = {"arm": arm, "end_point": i}
+            labels: dict[str, Label] = {"arm": arm, "end_point": i}
             found.append(outcome(f"{arm} {i}", value, labels, end_mm=(2.0 + i, 31.0)))
     return found
 
@@ -126,8 +126,8 @@ class _Links(HTMLParser):
     def handle_starttag(self, tag: str, attributes: list[tuple[str, str | None]]) -> None:
         known = dict(attributes)
         self.tags.add(tag)
-        self.links += [known["href"]] if known.get("href") else []
-        self.ids |= {known["id"]} if known.get("id") else set()
+        self.links += [address] if (address := known.get("href")) else []
+        self.ids |= {name} if (name := known.get("id")) else set()
 
 
 def test_pages_need_nothing_and_every_link_leads_somewhere() -> None:
