@@ -75,10 +75,13 @@ class PluginThread:
             ctypes.pythonapi.PyThreadState_SetAsyncExc(ctypes.c_ulong(identity), ctypes.py_object(_AbandonedError))
 
     def _serve(self) -> None:
-        with suppress(_AbandonedError), threadpool_limits(1):
+        try:
+            with suppress(_AbandonedError), threadpool_limits(1):
+                self._ready.set()
+                while (function := self._calls.get()) is not None:
+                    self._replies.put(_called(function))
+        finally:
             self._ready.set()
-            while (function := self._calls.get()) is not None:
-                self._replies.put(_called(function))
 
 
 def _called(function: Callable[[], Any]) -> Reply:
