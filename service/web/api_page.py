@@ -94,7 +94,7 @@ def _fields(document: dict[str, Any], schema: dict[str, Any]) -> Iterator[Parame
 def kind_of(document: dict[str, Any], schema: dict[str, Any]) -> str:
     """The type of a schema in a few words, as in "number or null", "list of text", "one of done, running"."""
     if "$ref" in schema:
-        return schema["$ref"].rpartition("/")[2]
+        return str(schema["$ref"]).rpartition("/")[2]
     if choices := schema.get("anyOf") or schema.get("oneOf"):
         return " or ".join(dict.fromkeys(kind_of(document, one) for one in choices))
     if values := schema.get("enum"):
