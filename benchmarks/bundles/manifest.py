@@ -12,7 +12,6 @@ from benchmarks.bundles.canonical import BundleError, canonical, read_canonical
 from simcore.arms import Arm
 
 SCHEMA: Literal["needlebench/bundle/1"] = "needlebench/bundle/1"
-CLOSED, OPEN = "closed", "open"
 CASES, RESULTS = "cases.jsonl", "results.csv"
 SERIES, RECORDINGS, FILES, SOURCE = "series", "recordings", "files", "source"
 ORIGIN = (  # of a result's provenance: the code and the machine that made it, without names

@@ -115,7 +115,8 @@ def _vector_rate(envs: Any, scenario: Scenario, clock: Clock) -> float:
 
 def _push(scenario: Scenario) -> float:
     """The speed of the path as a share of the robot's limit, in single precision as actions are."""
-    return float(np.float32(scenario.trajectory.speed_mm_s / scenario.robot.max_speed_mm_s))
+    speed_mm_s: float = scenario.resolved()["trajectory"]["speed_mm_s"]
+    return float(np.float32(speed_mm_s / scenario.robot.max_speed_mm_s))
 
 
 def _action(scenario: Scenario) -> np.ndarray[Any, np.dtype[np.float32]]:

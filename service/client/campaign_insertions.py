@@ -27,7 +27,6 @@ class CampaignInsertions:
 
     client: Client
     suite: str
-    sha256: str | None
     outcomes: tuple[Outcome, ...]
     scratch: Path
     jobs: dict[str, str]  # case id -> job
@@ -91,7 +90,7 @@ def download_campaign(client: Client, campaign_id: str, scratch: Path) -> Campai
             raise ScenarioError([Problem("CAMPAIGN", campaign_id, message)])
         jobs[one["case"]] = one["job"]
         outcomes.append(_outcome(client, one))
-    return CampaignInsertions(client, campaign.suite, campaign.raw.get("suite_sha256"), tuple(outcomes), scratch, jobs)
+    return CampaignInsertions(client, campaign.suite, tuple(outcomes), scratch, jobs)
 
 
 def _outcome(client: Client, one: Json) -> Outcome:

@@ -17,8 +17,6 @@ from benchmarks.bundles.check import case_table
 from benchmarks.bundles.choice import chosen_cases
 from benchmarks.bundles.manifest import (
     CASES,
-    CLOSED,
-    OPEN,
     RECORDINGS,
     RESULTS,
     SCHEMA,
@@ -55,7 +53,7 @@ _UNSAID = ("provenance", "cost")  # of a result: said elsewhere in the bundle, o
 class Chosen(NamedTuple):
     """How many cases are to be in the bundle with all of their series, and by which seed they are chosen."""
 
-    count: int
+    cases: int
     seed: int
 
 
@@ -88,7 +86,7 @@ def draft_bundle(
     arms = _arms(outcomes)
     sources = {arm.id: source_of(arm, given) for arm in arms.values() if arm.kind == PLUGIN}
     runs = ChosenRuns(source, files, say)
-    wanted = chosen_cases([one.case.id for one in outcomes], chosen.count, chosen.seed)
+    wanted = chosen_cases([one.case.id for one in outcomes], chosen.cases, chosen.seed)
     by_id = {outcome.case.id: outcome for outcome in outcomes}
     with given_controllers(given, arms.values()):
         full = {case_id: found for case_id in wanted if (found := runs.of(by_id[case_id])) is not None}
@@ -103,12 +101,12 @@ def draft_bundle(
     _say_private(contents, say)
     manifest = Manifest(
         schema=SCHEMA,
-        division=OPEN if any(arm.kind == REMOTE for arm in arms.values()) else CLOSED,
+        division="open" if any(arm.kind == REMOTE for arm in arms.values()) else "closed",
         suite=_suite(source.suite, outcomes),
         arms=_arm_records(arms, records, sources),
         origins=origins,
         made_with=Maker(version=installed_version(), commit=commit(), lock_sha256=_lock_sha256()),
-        chosen=Choice(seed=chosen.seed, asked=chosen.count, cases=[one for one in wanted if one in full]),
+        chosen=Choice(seed=chosen.seed, asked=chosen.cases, cases=[one for one in wanted if one in full]),
         timing=runs.timing(outcomes) if full else None,
         warnings=_warnings(outcomes),
         failed=sum(not (outcome.result.get("metrics") or {}).get("stable") for outcome in outcomes),

@@ -17,6 +17,7 @@ if TYPE_CHECKING:
 
 TITLE = "needlebench: reproducible benchmarks for robotic needle steering in deforming tissue"
 AUTHORS = "The needlebench developers"
+LICENSE = "Apache-2.0"
 
 
 @dataclass(frozen=True)
@@ -74,10 +75,11 @@ class Software:
 def software() -> Software:
     """What is installed here."""
     try:
-        license_text = metadata("needlebench").get("License-Expression") or "Apache-2.0"
+        known = metadata("needlebench")
+        terms = known["License-Expression"] or LICENSE
     except PackageNotFoundError:
-        license_text = "Apache-2.0"
-    return Software(installed_version(), commit(), license_text)
+        terms = LICENSE
+    return Software(installed_version(), commit(), terms)
 
 
 def cited_suite(name: str) -> Cited:

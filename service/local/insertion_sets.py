@@ -25,19 +25,27 @@ _OUTSIDE = re.compile(r"[^\w .,+()-]")
 
 
 class InsertionSet(Protocol):
-    """Insertions that have ended.
+    """Insertions that have ended."""
 
-    suite: its name. sha256: of the suite as it was run, where that is known. outcomes: in the order of the suite.
-    lookup: what names of files in its scenarios mean. folders: where files are looked for by their content. kept: where
-    runs that are made again for a bundle may stay.
-    """
+    @property
+    def suite(self) -> str:
+        """Its name."""
 
-    suite: str
-    sha256: str | None
-    outcomes: Sequence[Outcome]
-    lookup: Lookup
-    folders: Sequence[Path]
-    kept: Path
+    @property
+    def outcomes(self) -> Sequence[Outcome]:
+        """In the order of the suite."""
+
+    @property
+    def lookup(self) -> Lookup:
+        """What names of files in its scenarios mean."""
+
+    @property
+    def folders(self) -> Sequence[Path]:
+        """Where files are looked for by their content."""
+
+    @property
+    def kept(self) -> Path:
+        """Where runs that are made again for a bundle may stay."""
 
     def series_file(self, case_id: str) -> Path | None:
         """The file with the time series of a case, if there is one."""
@@ -56,7 +64,6 @@ class FolderInsertions:
     kept: Path
     files: dict[str, Path] = field(default_factory=dict)  # case id -> its series
     folders: tuple[Path, ...] = ()
-    sha256: str | None = None
 
     def series_file(self, case_id: str) -> Path | None:
         """The file with the time series of a case, if there is one."""

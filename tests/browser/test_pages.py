@@ -402,18 +402,18 @@ def test_long_names_make_no_page_scroll_sideways_and_wide_tables_do_so_by_keys(p
     grid = {"controller": arms, "trajectory.target_mm": [[18, 31, 30], [18, 31, 31]]}
     campaign = server.client.start_campaign({"name": LONG, "grid": grid})
     server.client.wait_campaign(campaign.id)
-    for address in (f"/compare?a={campaign.id}&every=1", f"/campaigns/{campaign.id}", "/trends/grid"):
+    for address in (f"/compare?a={campaign.id}&every=1", f"/campaigns/{campaign.id}", f"/trends/{LONG}"):
         page.goto(address)
         page.evaluate("for (const one of document.querySelectorAll('details')) one.open = true")
         for width in (390, 1440):
             page.set_viewport_size({"width": width, "height": 900})
             assert page.evaluate("document.documentElement.scrollWidth <= innerWidth"), (address, width)
         page.set_viewport_size({"width": 390, "height": 900})
-        table = page.get_by_role("region").locator("visible=true").first
+        table = page.locator(".table[role=region][tabindex='0']").first
         table.focus()
         for _ in range(5):
             page.keyboard.press("ArrowRight")
-        until(lambda table=table: table.evaluate("(e) => e.scrollLeft") > 0)
+        page.wait_for_function("document.activeElement.scrollLeft > 0")
 
 
 def test_a_service_that_is_away_is_told(browser: Browser, server: Server) -> None:

@@ -154,7 +154,7 @@ def check(path: Path, wanted_id: str | None, as_json: bool) -> None:
 @id_option
 @click.pass_context
 def verify(
-    ctx: click.Context, path: Path, wanted_id: str | None, record: Path | None, seed: int | None, **options: Any
+    ctx: click.Context, /, path: Path, wanted_id: str | None, record: Path | None, seed: int | None, **options: Any
 ) -> None:
     """Check a bundle, run some of its cases again out of it, and write down what came out.
 

@@ -2,17 +2,20 @@
 
 from __future__ import annotations
 
+import json
 import math
 import re
 from html.parser import HTMLParser
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import pytest
 
+from benchmarks.bundles.check import open_bundle
 from benchmarks.bundles.manifest import Choice, FileRecord, Maker, Manifest, Origin, SuiteRecord, Timing
 from benchmarks.bundles.tasks import tasks_sha256
 from benchmarks.bundles.verification import CaseVerification, Verification
-from benchmarks.cases import Case, Outcome, Suite
+from benchmarks.cases import Case, Label, Outcome, Suite
 from benchmarks.grid.profiles import interquartile_mean
 from benchmarks.leaderboard.boards import Entry, document
 from benchmarks.leaderboard.pages import pages
@@ -31,7 +34,7 @@ def outcomes(errors: Mapping[str, float], *, count: int = 8, replace: Any = None
         for i in range(count):
             other = None if replace is None else replace(arm, i)
             value = error + 0.01 * i if other is None else other
-            labels = {"arm": arm, "end_point": i}
+            labels: dict[str, Label] = {"arm": arm, "end_point": i}
             found.append(outcome(f"{arm} {i}", value, labels, end_mm=(2.0 + i, 31.0)))
     return found
 
@@ -123,8 +126,8 @@ class _Links(HTMLParser):
     def handle_starttag(self, tag: str, attributes: list[tuple[str, str | None]]) -> None:
         known = dict(attributes)
         self.tags.add(tag)
-        self.links += [known["href"]] if known.get("href") else []
-        self.ids |= {known["id"]} if known.get("id") else set()
+        self.links += [address] if (address := known.get("href")) else []
+        self.ids |= {name} if (name := known.get("id")) else set()
 
 
 def test_pages_need_nothing_and_every_link_leads_somewhere() -> None:
@@ -151,6 +154,21 @@ def test_pages_need_nothing_and_every_link_leads_somewhere() -> None:
     page = _Links(shown[board["file"]])
     assert page.links.count(f"#b-{one.id[:12]}") >= 3 * 8, "every figure leads to its bundle"
     assert all(r["file"] in page.links for b in board["bundles"] for r in b["recordings"])
+
+
+def test_the_committed_example_is_whole_and_small() -> None:
+    site = Path(__file__).resolve().parents[3] / "benchmarks" / "results" / "leaderboard"
+    entries = []
+    for path in sorted((site / "bundles").glob("*.zip")):
+        with open_bundle(path, wanted_id=path.stem) as bundle:
+            entries.append(Entry(bundle.manifest, bundle.outcomes))
+    committed = json.loads((site / "leaderboard.json").read_text())
+    (board,) = committed["boards"]
+    (again,) = document(entries)["boards"]
+    assert [(line["arm"], line["iqm_mm"]) for line in again["lines"]] == [
+        (line["arm"], pytest.approx(line["iqm_mm"])) for line in board["lines"]
+    ]
+    assert sum(file.stat().st_size for file in site.rglob("*") if file.is_file()) < 1_000_000
 
 
 def test_a_case_does_not_matter_by_its_name() -> None:

@@ -49,9 +49,10 @@ def rewritten(path: Path, target: Path, change: Callable[[Json], Json], **conten
     with open_bundle(path) as bundle:
         files = {one.name: b"".join(bundle.archive.chunks(one.name)) for one in bundle.manifest.files}
         records = [CaseRecord(**change(json.loads(record.line()))) for record in bundle.records]
-        outcomes = [record.outcome(bundle.manifest) for record in records]
         manifest = bundle.manifest
-    files |= {CASES: cases_text(records), RESULTS: case_table(outcomes), **contents}
+    if RESULTS not in contents:
+        contents[RESULTS] = case_table([record.outcome(manifest) for record in records])
+    files |= {CASES: cases_text(records), **contents}
     return sealed(manifest, files, target)
 
 

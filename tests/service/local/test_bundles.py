@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 import io
 import json
 import os
@@ -9,6 +10,7 @@ import subprocess
 import sys
 import zipfile
 from pathlib import Path
+from types import SimpleNamespace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -17,7 +19,10 @@ import pytest
 from benchmarks.bundles.check import open_bundle
 from benchmarks.bundles.verification import read_verification
 from benchmarks.cases import Suite
+from service.client.campaign_insertions import download_campaign
 from service.local import bundle_runs
+from service.local.bundle_making import Chosen, draft_bundle
+from simcore.errors import ScenarioError
 from simcore.rollout.digest import digest
 from tests.service.learned import model_bytes
 from tests.service.local.bundled import entries, made, needlebench, rewritten, runs_in, sealed, with_metric
@@ -103,12 +108,19 @@ def test_another_bundle_than_the_one_that_is_meant_is_refused(bundle: Path) -> N
     assert needlebench("bundle", "verify", bundle, "--id", "0" * 64).exit_code == 2
 
 
+EMPTY = {"results.csv": b"id\n"}
 LIES = {
     "another measure in the table": (None, {"results.csv": b"id\nrun 0\n"}, "results.csv has other insertions"),
     "no number": (with_metric("rmse_commanded_mm", "1"), {}, "rmse_commanded_mm = '1' is not a number"),
     "below zero": (with_metric("rmse_commanded_mm", -1.0), {}, "rmse_commanded_mm = -1.0 is not a number from 0"),
     "another scenario": (lambda line: {**line, "scenario": {**line["scenario"], "seed": 3}}, {}, "is not the suite"),
     "another digest": (lambda line: {**line, "result": {**line["result"], "digest": "0" * 64}}, {}, "not give the dig"),
+    "a text for a block": (
+        lambda line: {**line, "result": {**line["result"], "timing": "x"}},
+        EMPTY,
+        "another kind than",
+    ),
+    "no scenario": (lambda line: {**line, "scenario": {"trajectory": 3}}, EMPTY, "is not the suite"),
     "a file more": (None, {"extra.txt": b"x"}, "extra.txt, which belongs in no bundle"),
 }
 
@@ -319,7 +331,14 @@ def test_a_controller_in_another_process_makes_an_open_bundle(folder: Path, tmp_
     """Such a result is one of the folder whose arm says so; its connection is nobody's business."""
     stored = json.loads((folder / "run 1" / "result.json").read_text())
     block = {"kind": "remote", "name": "theirs", "address": "unix:/run/jane/s.sock", "settings": {}, "delay_s": 0.0}
-    arm = {"kind": "remote", "controller": "theirs", "settings": {}, "version": None, "code_sha256": None, "files": {}}
+    arm: Json = {
+        "kind": "remote",
+        "controller": "theirs",
+        "settings": {},
+        "version": None,
+        "code_sha256": None,
+        "files": {},
+    }
     stored["provenance"]["scenario"]["controller"] = block
     stored["provenance"]["arm"] = arm
     (tmp_path / "runs" / "theirs").mkdir(parents=True)
@@ -330,6 +349,80 @@ def test_a_controller_in_another_process_makes_an_open_bundle(folder: Path, tmp_
         assert (opened.manifest.division, opened.manifest.chosen.cases) == ("open", [])
     told = needlebench("bundle", "verify", tmp_path / "b.zip")
     assert (told.exit_code, "whose code is not in the bundle (open division)" in told.output) == (3, True)
+
+
+def experiment(folder: Path, runs: Path) -> Path:
+    """The folder of an experiment, as `needlebench paper` leaves it: reduced series, and a result for each case."""
+    (folder / "results").mkdir(parents=True)
+    (folder / "series").mkdir()
+    about = {"schema": "needlebench/paper/3", "scale": {"name": "tiny"}, "plan_sha256": "0" * 64, "commit": None}
+    (folder / "run.json").write_text(json.dumps(about))
+    for number, name in enumerate(("lin-000-ifem", "lin-000-open_loop")):
+        result = json.loads((runs / f"run {number}" / "result.json").read_text())
+        labels = {"group": "LIN", "arm": name.rpartition("-")[2], "end_point": 0, "direction": ""}
+        stored = {"id": name, "labels": labels, "result": {**result, "cost": {"cpu_s": 1.0}}}
+        (folder / "results" / f"{name}.json").write_text(json.dumps(stored))
+        np.savez(folder / "series" / f"{name}.npz", tip_m=np.zeros((2, 3), "f4"))
+    return folder
+
+
+def test_an_experiment_has_its_labels_and_digests_of_its_series(folder: Path, tmp_path: Path) -> None:
+    made(experiment(tmp_path / "paper", folder), tmp_path / "b.zip", "--sample", "1")
+    with open_bundle(tmp_path / "b.zip") as opened:
+        manifest, records = opened.manifest, opened.records
+    assert manifest.suite.name == "needlebench/paper/3, scale tiny"
+    assert [record.labels["arm"] for record in records] == ["ifem", "open_loop"]
+    file = tmp_path / "paper" / "series" / "lin-000-ifem.npz"
+    assert records[0].series_sha256 == hashlib.sha256(file.read_bytes()).hexdigest()
+    assert "cost" not in records[0].result
+    assert len(manifest.chosen.cases) == 1
+    told = needlebench("dataset", "--from", tmp_path / "paper", "--out", tmp_path / "d.npz")
+    assert "none of 2 insertions left a series with all variables" in told.output
+
+
+class Campaign:
+    """What the client says of a campaign whose jobs are the runs of a folder."""
+
+    def __init__(self, runs: Path, **changes: Any) -> None:
+        self.runs = runs
+        self.terminal, self.state, self.ended, self.cases = True, "done", 2, 2
+        self.suite, self.raw, self.lost = "grid", {"suite_sha256": None}, False
+        self.__dict__ |= changes
+
+    def campaign(self, _: str) -> Campaign:
+        return self
+
+    def campaign_cases(self, _: str) -> list[Json]:
+        return [{"case": f"case {i}", "labels": {}, "job": None if self.lost else str(i)} for i in range(2)]
+
+    def job(self, job_id: str) -> Any:
+        result = json.loads((self.runs / f"run {job_id}" / "result.json").read_text())
+        scenario = result["provenance"]["scenario"]
+        if job_id == "1":
+            return SimpleNamespace(
+                state="failed", scenario=scenario, result=None, error={"kind": "crashed", "message": "m"}
+            )
+        return SimpleNamespace(state="finished", scenario=scenario, result=result, error=None)
+
+    def artefacts(self, job_id: str) -> list[Json]:
+        return [{"kind": "series", "sha256": "5" * 64}] if job_id == "0" else []
+
+
+def test_a_campaign_is_whole_or_no_bundle(folder: Path, tmp_path: Path) -> None:
+    def download(**changes: Any) -> Any:
+        return download_campaign(Campaign(folder, **changes), "c", tmp_path)  # type: ignore[arg-type]
+
+    with pytest.raises(ScenarioError, match="is running: 2 of 2 jobs have ended"):
+        download(terminal=False, state="running")
+    with pytest.raises(ScenarioError, match="the job of case case 0 was deleted"):
+        download(lost=True)
+    draft = draft_bundle(download(), Chosen(2, 0), (), lambda _: None)
+    assert draft.manifest.failed == 1
+    assert draft.manifest.chosen.cases == ["case 0"]
+    draft.write(tmp_path / "b.zip")
+    with open_bundle(tmp_path / "b.zip") as opened:
+        assert [record.series_sha256 for record in opened.records] == ["5" * 64, None]
+        assert opened.records[1].result["status"] == "crashed"
 
 
 @pytest.mark.parametrize("content", [None, "{", '{"digest": 1}'], ids=["none", "cut off", "no result"])

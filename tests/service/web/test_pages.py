@@ -108,6 +108,7 @@ def site(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Site]:
             f"/submit?from={trained}": "form from a model",
             "/submit?from=mlp": "form from a bundled model",
             f"/side-by-side?job={compared[0]}&job={compared[1]}&job={done}": "jobs side by side",
+            "/docs": "the API",
             "/compare": "comparison",
             f"/compare?a={a}": "comparison, half chosen",
             f"/compare?a={a}&b={b}": "two campaigns",
