@@ -11,7 +11,7 @@ import os
 import tempfile
 from collections.abc import Callable
 from pathlib import Path
-from typing import TypeVar, cast
+from typing import Any, TypeVar, cast
 
 import platformdirs
 
@@ -66,3 +66,9 @@ def resolved_by_type(stub: Callable[..., object]) -> Callable[[Function], Functi
 def inlined(function: Function) -> Function:
     """A kernel that melts into its callers, where a call would stop the vectoriser."""
     return cast("Function", numba.njit(cache=True, error_model="numpy", inline="always")(function))
+
+
+def written_in_llvm(make: Callable[..., object]) -> Callable[..., Any]:
+    """A function for kernels alone, for what Python has no words for. make: called at compile time with the context and
+    the types, it returns a signature and what writes the code, or None for types that it does not take."""
+    return cast("Callable[..., Any]", numba.extending.intrinsic(make))

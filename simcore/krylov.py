@@ -9,6 +9,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from simcore.linear_algebra.least_squares import least_squares
+
 if TYPE_CHECKING:
     from collections.abc import Callable
 
@@ -64,6 +66,6 @@ def _least_squares(hessenberg: Floats, size: Floats) -> tuple[Floats, Floats]:
     """Weights (k, j) of the basis that minimise each residual, and its norm (k,)."""
     goal = np.zeros(hessenberg.shape[:2])
     goal[:, 0] = size
-    weights = np.stack([np.linalg.lstsq(h, g)[0] for h, g in zip(hessenberg, goal, strict=True)])
+    weights = np.stack([least_squares(h, g[:, None])[:, 0] for h, g in zip(hessenberg, goal, strict=True)])
     rest = goal - np.einsum("kij,kj->ki", hessenberg, weights)
     return weights, np.linalg.norm(rest, axis=1)

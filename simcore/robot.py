@@ -5,10 +5,9 @@ from __future__ import annotations
 from collections import deque
 from dataclasses import dataclass
 
-import numpy as np
-
 from simcore.insertion.state import Pose
-from simcore.rotations import exp_map, log_map
+from simcore.linear_algebra.products import norm
+from simcore.rotations import compose, exp_map, log_map
 
 
 @dataclass(frozen=True)
@@ -37,10 +36,10 @@ def limited_pose(base: Pose, command: Pose, limits: RobotLimits, dt_s: float) ->
     A twist beyond a limit is scaled by one factor as a whole, so that the motion keeps its direction.
     """
     shift = command.position_m - base.position_m
-    turn = log_map(command.rotation @ base.rotation.T)
-    speed_share = np.linalg.norm(shift) / (limits.max_speed_m_s * dt_s)
-    turn_share = np.linalg.norm(turn) / (limits.max_turn_rad_s * dt_s)
-    share = max(float(speed_share), float(turn_share))
+    turn = log_map(compose(command.rotation, base.rotation.T))
+    speed_share = norm(shift) / (limits.max_speed_m_s * dt_s)
+    turn_share = norm(turn) / (limits.max_turn_rad_s * dt_s)
+    share = max(speed_share, turn_share)
     if share <= 1.0:
         return command, False
-    return Pose(base.position_m + shift / share, exp_map(turn / share) @ base.rotation), True
+    return Pose(base.position_m + shift / share, compose(exp_map(turn / share), base.rotation)), True

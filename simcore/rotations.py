@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from simcore.compiled import kernel
+from simcore.elementary_kernels import arc_tangent, sine_cosine
 
 if TYPE_CHECKING:
     from simcore.arrays import Floats
@@ -42,8 +43,8 @@ def exp_map(w: Floats) -> Floats:
         first, second = 1.0 - angle2 / 6.0, 0.5 - angle2 / 24.0
     else:
         angle = math.sqrt(angle2)
-        half = math.sin(0.5 * angle)
-        first, second = math.sin(angle) / angle, 2.0 * half * half / angle2
+        half, (sine, _) = sine_cosine(0.5 * angle)[0], sine_cosine(angle)
+        first, second = sine / angle, 2.0 * half * half / angle2
     out = np.empty((3, 3))
     for i in range(3):
         for j in range(3):
@@ -64,7 +65,7 @@ def log_map(R: Floats) -> Floats:
     """
     q = quaternion_from_matrix(R)
     sine = math.sqrt(q[1] * q[1] + q[2] * q[2] + q[3] * q[3])
-    scale = 2.0 if sine < 1e-150 else 2.0 * math.atan2(sine, q[0]) / sine
+    scale = 2.0 if sine < 1e-150 else 2.0 * arc_tangent(sine, q[0]) / sine
     return scale * q[1:]
 
 
@@ -82,9 +83,10 @@ def jacobian_coefficients(angle2: float) -> tuple[float, float]:
         mu = 2 / 720.0 + a * (4 / 30240.0 + a * (6 / 1209600.0 + a * mu))
         return eta, mu
     angle = math.sqrt(angle2)
-    half2 = math.sin(0.5 * angle) ** 2
-    eta = (1.0 - 0.5 * angle / math.tan(0.5 * angle)) / angle2
-    mu = (angle * (angle + math.sin(angle)) - 8.0 * half2) / (4.0 * angle2 * angle2 * half2)
+    sine, cosine = sine_cosine(0.5 * angle)
+    half2 = sine * sine
+    eta = (1.0 - 0.5 * angle * cosine / sine) / angle2
+    mu = (angle * (angle + 2.0 * sine * cosine) - 8.0 * half2) / (4.0 * angle2 * angle2 * half2)
     return eta, mu
 
 

@@ -70,7 +70,7 @@ def _kernels(insertion: Insertion, state: InsertionState) -> dict[str, Kernel]:
     workspace, solved = insertion.workspace, state.solved
     between = workspace.compliance.between_points
     bodies, needle, right = state.bodies, insertion.needle, np.ones(insertion.tissue.unknowns)
-    columns = np.ones((insertion.tissue.unknowns, 3), np.float32, order="F")
+    columns = np.ones((3, insertion.tissue.unknowns), np.float32)
     rotations = workspace.blocks.rotations()
     held = np.zeros_like(bodies.x)
     return {

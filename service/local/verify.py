@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     from simcore.rollout.records import Observer
     from simcore.rollout.result import Rollout
 
-EQUAL_MM = 1e-6  # of the tip's path: what another processor or library may change in a stable run
+EQUAL_MM = 1e-6  # of the tip's path: what another library or system may change in a stable run
 Arrays = Mapping[str, NDArray[Any]]
 
 
@@ -30,7 +30,7 @@ class CannotVerifyError(NeedlebenchError):
     """A result that does not say how it came about, or whose controller is not here any more as it ran."""
 
 
-ROUNDING = ("llvm_cpu", "llvm_features", "blas_core", "blas_version")  # what decides how sums and products round
+ROUNDING = ("llvm_cpu", "llvm_features", "blas_core", "blas_version")  # the processor that code was chosen for
 
 
 @dataclass(frozen=True, kw_only=True)

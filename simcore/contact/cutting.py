@@ -14,6 +14,7 @@ import numpy as np
 from simcore.compiled import kernel
 from simcore.contact.ball import BallRule, displaced, fill_ball
 from simcore.contact.channel import Channel, ChannelModel, Phase, project
+from simcore.linear_algebra.products import dot, norm
 from simcore.needle.shaft import shaft_frame
 
 if TYPE_CHECKING:
@@ -29,7 +30,7 @@ def advance_end(channel: Channel, model: ChannelModel, x: Floats, tip_m: Floats)
     """
     before, start = channel.rest_m[0].copy(), channel.length_m
     after = _material_point(channel, model, 0, x, tip_m).copy()
-    channel.depth_m[0] = start + float(np.linalg.norm(after - before))
+    channel.depth_m[0] = start + norm(after - before)
     while channel.count < model.capacity and channel.depth_m[0] >= (depth := model.depths_m[channel.count - 1]):
         share = (depth - start) / (channel.depth_m[0] - start)
         _append(channel, model, before + share * (after - before), depth)
@@ -115,7 +116,7 @@ def slide_contact(channel: Channel, model: ChannelModel, x: Floats, tip_m: Float
     """
     for _ in range(20):
         miss = channel.position(model, 0, x) - tip_m
-        miss -= (miss @ model.inward) * model.inward
+        miss -= dot(miss, model.inward) * model.inward
         if np.abs(miss).max() < 1e-12:
             break
         channel.place(model, 0, channel.rest_m[0] - miss)
@@ -155,7 +156,7 @@ def refresh_elements(
                 _onto_shaft(channel, model, j, x, needle_x, needle_R, element_length_m)
         elif channel.created[j] and not channel.active[j] and behind <= _taken_up_m(channel, model, j):
             c, _, _, _, _ = shaft_frame(needle_x, needle_R, element_length_m, channel.arc_m[j])
-            largest = max(largest, float(np.linalg.norm(c - channel.position(model, j, x))))
+            largest = max(largest, norm(c - channel.position(model, j, x)))
             channel.active[j] = True
             channel.mode[j] = 1
     return largest

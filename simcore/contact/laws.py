@@ -22,6 +22,7 @@ import numpy as np
 
 from simcore.compiled import kernel
 from simcore.contact.line import free_rows
+from simcore.linear_algebra.dense import factor_lu, solve_lu
 
 if TYPE_CHECKING:
     from simcore.arrays import Flags, Floats, Ints
@@ -121,6 +122,12 @@ def staircases(
 
 
 @kernel
+def lateral_size(force: Floats, element: int) -> float:
+    """|lambda_n| of an element; force (a, 3) in local frames."""
+    return float(np.sqrt(force[element, 0] ** 2 + force[element, 1] ** 2))
+
+
+@kernel
 def level(law: Law, element: int, k: int, lateral: float) -> float:
     """Axial force on tread k of an element's staircase: sign (tau0 l + mu |lambda_n|) + extra, N."""
     friction = 0.0 if law.contact else law.friction
@@ -135,7 +142,7 @@ def law_residual(law: Law, force: Floats, mode: Ints) -> float:
     worst = 0.0
     for i in range(len(mode)):
         if mode[i] % 2 == 0:
-            lateral = np.hypot(force[i, 0], force[i, 1])
+            lateral = lateral_size(force, i)
             worst = max(worst, abs(force[i, 2] - level(law, i, mode[i] // 2, lateral)))
     return worst
 
@@ -196,7 +203,7 @@ def system_rows(
             matrix[row, :] = 0.0
             matrix[row, row] = scale
             right[row] = scale * (sign[i, k] * law.base_n[i] + extra[i, k])
-            lateral = np.hypot(around[i, 0], around[i, 1])
+            lateral = lateral_size(around, i)
             if lateral > 0.0:
                 for c in range(2):
                     matrix[row, 3 * i + c] = -scale * sign[i, k] * friction * around[i, c] / lateral
@@ -234,14 +241,14 @@ def advance_modes(law: Law, force: Floats, arc: Floats, around: Floats, mode: In
     friction = 0.0 if law.contact else law.friction
     settled = True
     for i in range(len(mode)):
-        lateral = np.hypot(force[i, 0], force[i, 1])
+        lateral = lateral_size(force, i)
         wanted = next_mode(law, i, mode[i], arc[i], force[i, 2], lateral)
         if wanted != mode[i]:
             mode[i] = wanted
             settled = False
             if one_at_a_time:
                 break
-        drift = abs(lateral - np.hypot(around[i, 0], around[i, 1]))
+        drift = abs(lateral - lateral_size(around, i))
         if mode[i] % 2 == 0 and friction * drift > FORCE_SLACK_N:
             settled = False
     return settled
@@ -256,13 +263,15 @@ def solve_laws(response: Response, law: Law, mode: Ints, slide: Floats, new_forc
     A semismooth Newton (active set) method; the friction bound is linearised in |lambda_n| and repeated to rounding.
     """
     size = len(response.w)
-    matrix, right = np.empty((size, size)), np.empty(size)
+    matrix, right, pivots = np.empty((size, size)), np.empty(size), np.empty(size, np.int64)
     around = response.force.copy()
     contact = law.contact
     sliding = contact and (slide[0] != 0.0 or slide[1] != 0.0)
     for sweep in range(MODE_SWEEPS):
         system_rows(response, law, around, mode, slide, sliding, matrix, right)
-        right[:] = np.linalg.solve(matrix, right)
+        if not factor_lu(matrix, pivots):
+            return False
+        solve_lu(matrix, pivots, right.reshape(size, 1))
         respond(response, law.stair, right, mode, new_force, new_arc)
         settled = advance_modes(law, new_force, new_arc, around, mode, sweep >= TOGETHER_SWEEPS)
         around[:] = new_force
@@ -290,7 +299,7 @@ def surface_slip(response: Response, friction: float, new_force: Floats, slide: 
         for j in range(3):
             apart += w[c, j] * (new_force[0, j] - force[0, j])
         trial[c] = new_force[0, c] - stiffness * apart
-    size = np.hypot(trial[0], trial[1])
+    size = np.sqrt(trial[0] ** 2 + trial[1] ** 2)
     if size <= friction * new_force[0, 2] + FORCE_SLACK_N:
         slide[:] = 0.0
         return False

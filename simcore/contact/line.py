@@ -18,6 +18,7 @@ import numpy as np
 
 from simcore.compiled import kernel
 from simcore.contact.line_radius import LINE_RADIUS_OF_BALL
+from simcore.elementary import logarithm
 
 if TYPE_CHECKING:
     from simcore.arrays import Flags, Floats, Ints
@@ -51,7 +52,7 @@ def cylinder_compliance(
     of both are equal and cancel.
     """
     across = (3.0 - 4.0 * poisson) / (8.0 * math.pi * shear_pa * (1.0 - poisson))
-    ratio = math.log(LINE_RADIUS_OF_BALL * ball_radius_m / needle_radius_m)
+    ratio = logarithm(LINE_RADIUS_OF_BALL * ball_radius_m / needle_radius_m)
     return across * ratio, ratio / (2.0 * math.pi * shear_pa)
 
 

@@ -13,6 +13,7 @@ from simcore.controllers.selective_inverse import selective_move
 from simcore.errors import ModelFailureError, Status
 from simcore.insertion.jacobian_fast import linearise
 from simcore.insertion.state import Pose
+from simcore.linear_algebra.products import norm
 from simcore.scenario.build import insertion_of
 
 if TYPE_CHECKING:
@@ -58,13 +59,13 @@ def straight_jacobian(settings: FrozenJacobian, scenario: Scenario) -> Floats:
     scenario = model_scenario(scenario, settings.model)
     path, insertion = scenario.path(), insertion_of(scenario, keeps_tissue=False)
     tangent = path.first_tangent()
-    depth_m = min(settings.depth_mm * 1e-3, float(np.linalg.norm(path.chord)))
+    depth_m = min(settings.depth_mm * 1e-3, norm(path.chord))
     state = _completed(insertion.initial_state(tangent))
     first = state.base
     for advance_m in np.linspace(0.0, depth_m, max(2, round(depth_m / STEP_M)))[1:]:
         state = _completed(insertion.step(state, Pose(first.position_m + advance_m * tangent, first.rotation)))
     tip = linearise(insertion.model, state.solved).tip
-    reach_m = float(np.linalg.norm(insertion.entry_m - state.base.position_m))
+    reach_m = norm(insertion.entry_m - state.base.position_m)
     return following_response(tip, tangent, reach_m)
 
 

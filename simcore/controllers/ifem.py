@@ -10,7 +10,8 @@ import numpy as np
 from simcore.controllers.remote_centre import TOO_NEAR_M, following_response, pose_through
 from simcore.controllers.selective_inverse import selective_move
 from simcore.insertion.state import Pose
-from simcore.rotations import exp_map
+from simcore.linear_algebra.products import norm
+from simcore.rotations import compose, exp_map
 
 if TYPE_CHECKING:
     from simcore.arrays import Floats
@@ -44,7 +45,7 @@ class InverseFemController:
         scaled = jacobian / np.array([1.0, 1.0, 1.0, lever, lever, lever])
         twist = -selective_move(scaled, error, self.largest_m)
         turn = exp_map(twist[3:] / lever)
-        return Pose(observation.base.position_m + twist[:3], turn @ observation.base.rotation)
+        return Pose(observation.base.position_m + twist[:3], compose(turn, observation.base.rotation))
 
 
 class AxisThroughEntryController:
@@ -59,7 +60,7 @@ class AxisThroughEntryController:
     def command(self, observation: Observation) -> Pose:
         """One Newton step on the tip error; the Jacobian turns the base as the rule will."""
         base, tip = observation.base, self.model(observation).tip
-        reach_m = float(np.linalg.norm(self.entry_m - base.position_m))
+        reach_m = norm(self.entry_m - base.position_m)
         near = reach_m < TOO_NEAR_M
         jacobian = tip[:, :3] if near else following_response(tip, base.rotation[:, 2], reach_m)
         error = self.settings.gain * (observation.target_m - observation.tip_m)

@@ -4,10 +4,9 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-import numpy as np
-
 from simcore.insertion.insertion import rotation_towards
 from simcore.insertion.state import Pose
+from simcore.linear_algebra.products import norm
 
 if TYPE_CHECKING:
     from simcore.arrays import Floats
@@ -24,7 +23,7 @@ class OpenLoopController:
         path = scenario.path()
         chord = path.end_m - path.entry_m
         self.entry_m, self.needle_length_m = entry_m, needle_length_m
-        self.chord_m = float(np.linalg.norm(chord))
+        self.chord_m = norm(chord)
         self.rotation = rotation_towards(chord / self.chord_m)
         self.share_per_step = scenario.trajectory.share_per_step(scenario.dt_s)
 

@@ -11,6 +11,7 @@ from simcore.controllers.base import seed_of_controller
 from simcore.episode.observation import Observation
 from simcore.errors import ControllerError
 from simcore.insertion.state import Pose
+from simcore.linear_algebra.products import norm
 from simcore.remote.link import Address, Link, LinkError
 from simcore.remote.messages import (
     PROTOCOL,
@@ -148,7 +149,7 @@ class RemoteController:
         if answer.quaternion is None:
             return Pose(np.array(answer.position_m), observation.base.rotation)
         quaternion = np.array(answer.quaternion)
-        length = float(np.linalg.norm(quaternion))
+        length = norm(quaternion)
         if not 1e-6 < length < 1e6:
             raise self._fault(
                 f"answered with the quaternion {answer.quaternion}, which is no rotation", observation.step

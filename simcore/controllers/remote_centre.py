@@ -7,8 +7,10 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from simcore.elementary import arc_tangent
 from simcore.insertion.state import Pose
-from simcore.rotations import exp_map, skew
+from simcore.linear_algebra.products import dot, norm, product
+from simcore.rotations import compose, exp_map, skew
 
 if TYPE_CHECKING:
     from simcore.arrays import Floats
@@ -21,15 +23,15 @@ def pose_through(entry_m: Floats, position_m: Floats, rotation: Floats) -> Pose:
     """The base at position_m (3,) m, its axis through entry_m (3,) m; turned from `rotation` (3, 3) without a twist
     about the axis, which an axisymmetric needle would carry as torsion for nothing."""
     towards = entry_m - position_m
-    distance = float(np.linalg.norm(towards))
+    distance = norm(towards)
     if distance < TOO_NEAR_M:
         return Pose(position_m, rotation)
     axis, wanted = rotation[:, 2], towards / distance
     across = np.cross(axis, wanted)
-    sine, cosine = float(np.linalg.norm(across)), float(axis @ wanted)
+    sine, cosine = norm(across), dot(axis, wanted)
     if sine < 1e-15:
         return Pose(position_m, rotation)
-    return Pose(position_m, exp_map(across / sine * np.arctan2(sine, cosine)) @ rotation)
+    return Pose(position_m, compose(exp_map(across / sine * arc_tangent(sine, cosine)), rotation))
 
 
 def following_response(tip: Floats, axis: Floats, reach_m: float) -> Floats:
@@ -37,7 +39,7 @@ def following_response(tip: Floats, axis: Floats, reach_m: float) -> Floats:
 
     tip: (3, 6) m per (m, m, m, rad, rad, rad), spatial spin about the base.
     """
-    following: Floats = tip[:, :3] - tip[:, 3:] @ skew(axis) / reach_m
+    following: Floats = tip[:, :3] - product(tip[:, 3:], skew(axis)) / reach_m
     return following
 
 
@@ -48,12 +50,12 @@ def rcm_authority(response: Linearisation | None, rotation: Floats) -> Floats:
     if response is None or response.rcm is None:
         return np.full((2, 2), np.nan)
     across = rotation[:, :2]
-    passing = (response.rcm.reshape(4, 3) @ across).reshape(2, 2, 2)  # of each row: by moves, by turns
+    passing = product(response.rcm.reshape(4, 3), across).reshape(2, 2, 2)  # of each row: by moves, by turns
     (a, b), (c, d) = passing[:, 1].tolist()
     determinant = a * d - b * c
     if determinant == 0.0:
         return np.full((2, 2), np.nan)
-    turn = np.array([[-d, b], [c, -a]]) @ passing[:, 0] / determinant
-    tip = ((across.T @ response.tip).reshape(4, 3) @ across).reshape(2, 2, 2)
-    authority: Floats = tip[:, 0] + tip[:, 1] @ turn
+    turn = product(np.array([[-d, b], [c, -a]]), passing[:, 0]) / determinant
+    tip = product(product(across.T, response.tip).reshape(4, 3), across).reshape(2, 2, 2)
+    authority: Floats = tip[:, 0] + product(tip[:, 1], turn)
     return authority

@@ -4,10 +4,9 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-import numpy as np
-
 from simcore.insertion.insertion import rotation_towards
 from simcore.insertion.state import Pose
+from simcore.linear_algebra.products import dot, norm
 
 if TYPE_CHECKING:
     from simcore.arrays import Floats
@@ -29,9 +28,9 @@ class RigidNeedleController:
     def command(self, observation: Observation) -> Pose:
         """The base pose that puts a rigid needle's tip at the target."""
         towards = observation.target_m - self.entry_m
-        distance = float(np.linalg.norm(towards))
+        distance = norm(towards)
         if distance < self.straight_m:
-            axis, depth = self.first, float(towards @ self.first)
+            axis, depth = self.first, dot(towards, self.first)
         else:
             axis, depth = towards / distance, distance
         return Pose(self.entry_m + (depth - self.needle_length_m) * axis, rotation_towards(axis))

@@ -6,6 +6,9 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from simcore.linear_algebra.products import times
+from simcore.linear_algebra.singular_values import decomposed
+
 if TYPE_CHECKING:
     from simcore.arrays import Floats
 
@@ -25,12 +28,12 @@ def selective_move(jacobian: Floats, error: Floats, largest_m: float) -> Floats:
     l: the tip and the remote centre, each with its rows. N_i is what a unit step along u_i means for them, M_i what the
     move for it would do to them if nothing cancelled. largest_m: g; a speed times dt, so that no result hangs on dt.
     """
-    u, s, vt = np.linalg.svd(jacobian, full_matrices=False)
+    u, s, vt = decomposed(jacobian)
     kept = s > ZERO * s[0]
     u, s, vt = u[:, kept], s[kept], vt[kept]
     groups = [rows for rows in (slice(TIP_ROWS), slice(TIP_ROWS, None)) if len(jacobian[rows])]
     unit = np.sum([np.linalg.norm(u[rows], axis=0) for rows in groups], axis=0)
-    cost = np.abs(vt) @ np.sum([np.linalg.norm(jacobian[rows], axis=0) for rows in groups], axis=0) / s
+    cost = times(np.abs(vt), np.sum([np.linalg.norm(jacobian[rows], axis=0) for rows in groups], axis=0)) / s
     largest = largest_m * np.minimum(1.0, unit / cost)
-    move: Floats = vt.T @ np.clip(u.T @ error / s, -largest, largest)
+    move: Floats = times(vt.T, np.clip(times(u.T, error) / s, -largest, largest))
     return move

@@ -6,6 +6,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from simcore.linear_algebra.singular_values import smallest_of_pairs
+
 if TYPE_CHECKING:
     from simcore.arrays import Floats
 
@@ -21,11 +23,11 @@ def lost_authority(authority: list[Floats]) -> str | None:
     known = [one for one in authority if np.isfinite(one).all()]
     if not known:
         return None
-    sigma = np.linalg.svd(np.array(known), compute_uv=False)[:, -1]
+    sigma = smallest_of_pairs(np.array(known))
     if not (steered := np.flatnonzero(sigma > AUTHORITY_FLOOR)).size:
         return None
     first = int(steered[0])
-    turned = np.diff(np.sign(np.linalg.det(np.array(known[first:])))) != 0.0
+    turned = np.diff(np.sign(np.array([a * d - b * c for (a, b), (c, d) in known[first:]]))) != 0.0
     if sigma[first:].min() > AUTHORITY_FLOOR and not turned.any():
         return None
     passed = "0" if turned.any() else f"{sigma[first:].min():.2g}"

@@ -8,6 +8,8 @@ import numpy as np
 
 from simcore.errors import NeedlebenchError
 from simcore.insertion.state import Pose
+from simcore.linear_algebra.products import norm, product
+from simcore.mesh.edges import determinants
 
 if TYPE_CHECKING:
     from simcore.arrays import Floats
@@ -39,8 +41,8 @@ def checked_command(command: Any, base: Pose, step: int) -> Pose:
     if not (np.isfinite(position).all() and np.isfinite(rotation).all()):
         name, value = ("rotation", rotation) if np.isfinite(position).all() else ("position_m", position)
         raise CommandError(step, f"a Pose with {name} = {_shown(value)}, values that are not finite")
-    skew = np.abs(rotation.T @ rotation - np.eye(3)).max()
-    if skew > MAXIMUM_SKEW or np.linalg.det(rotation) < 0.0:
+    skew = np.abs(product(rotation.T, rotation) - np.eye(3)).max()
+    if skew > MAXIMUM_SKEW or determinants(rotation[None])[0] < 0.0:
         raise CommandError(step, f"a Pose with rotation = {_shown(rotation)}, which is no rotation matrix")
     if (problem := _reach_problem(position, base.position_m)) is not None:
         raise CommandError(step, f"a Pose with position_m = {problem}")
@@ -49,9 +51,9 @@ def checked_command(command: Any, base: Pose, step: int) -> Pose:
 
 def _reach_problem(position_m: Floats, base_m: Floats) -> str | None:
     """Why a command (3,) is too far from the base (3,) to be meant, both m, world; None if it is not."""
-    away_m = float(np.linalg.norm(position_m - base_m))
+    away_m = norm(position_m - base_m)
     where = f"{_shown(position_m)}, {away_m:.4g} m from the base"
-    if away_m > FAR_M and np.linalg.norm(position_m * 1e-3 - base_m) < FAR_M / 2:
+    if away_m > FAR_M and norm(position_m * 1e-3 - base_m) < FAR_M / 2:
         return f"{where}: that looks like millimetres, position_m is in metres"
     if away_m > FARTHEST_M:
         return f"{where}: at most {FARTHEST_M:g} m are allowed"

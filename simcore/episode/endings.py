@@ -12,6 +12,7 @@ import numpy as np
 from simcore.episode.authority import lost_authority
 from simcore.errors import Status
 from simcore.insertion.stability import is_stable, least_buckling_force_n
+from simcore.linear_algebra.products import dot, norm, times
 from simcore.needle.shaft import shaft_frame
 from simcore.scenario.scenario import ReachTrajectory, Replay
 from simcore.tissue.strain import strain_extremes
@@ -78,7 +79,7 @@ def target_lost(scenario: Scenario, error_m: float) -> str | None:
 
 def buckled(insertion: Insertion, state: InsertionState) -> str | None:
     """The needle is pushed beyond its limit point: the equilibrium is unstable."""
-    push = float(state.base_wrench[:3] @ state.base.rotation[:, 2])
+    push = dot(state.base_wrench[:3], state.base.rotation[:, 2])
     free_m = insertion.needle.length_m - state.inserted_m
     if push < least_buckling_force_n(insertion.model, free_m) or is_stable(insertion.model, state.solved):
         return None
@@ -86,7 +87,7 @@ def buckled(insertion: Insertion, state: InsertionState) -> str | None:
 
 
 def _buckling(insertion: Insertion, state: InsertionState) -> str:
-    push = float(state.base_wrench[:3] @ state.base.rotation[:, 2])
+    push = dot(state.base_wrench[:3], state.base.rotation[:, 2])
     free_mm = 1e3 * (insertion.needle.length_m - state.inserted_m)
     return f"the needle buckles: {push:.3g} N on {free_mm:.0f} mm of free shaft is its limit point"
 
@@ -99,9 +100,9 @@ def shaft_beside(insertion: Insertion, state: InsertionState) -> str | None:
     enters, _, _, _, _ = shaft_frame(bodies.needle_x, bodies.needle_R, needle.element_length_m, free_m)
     arcs = needle.element_length_m * np.arange(needle.elements + 1)
     nodes = bodies.needle_x[(arcs < free_m) | (arcs == 0.0)]
-    depths = (nodes - insertion.entry_m) @ inward
-    surface = float(insertion.held_shift_m(state) @ inward)
-    allowed = max(0.0, surface, float((enters - insertion.entry_m) @ inward)) + DEEPER_M
+    depths = times(nodes - insertion.entry_m, inward)
+    surface = dot(insertion.held_shift_m(state), inward)
+    allowed = max(0.0, surface, dot(enters - insertion.entry_m, inward)) + DEEPER_M
     deepest = int(depths.argmax())
     if depths[deepest] <= allowed:
         return None
@@ -119,7 +120,7 @@ def place_of_inversion(insertion: Insertion, state: InsertionState) -> str:
     sides = np.concatenate([centre - rest.min(axis=0), rest.max(axis=0) - centre]).reshape(2, 3).T.ravel()
     nearest = int(sides.argmin())
     x, y, z = 1e3 * centre
-    to_entry, to_tip = (1e3 * float(np.linalg.norm(centre - p)) for p in (insertion.entry_m, state.tip_m))
+    to_entry, to_tip = (1e3 * norm(centre - p) for p in (insertion.entry_m, state.tip_m))
     return (
         f"the tetrahedron at ({x:.1f}, {y:.1f}, {z:.1f}) mm, {to_entry:.1f} mm from the entry, {to_tip:.1f} mm from "
         f"the tip, {1e3 * sides[nearest]:.1f} mm from {FACES[nearest]}"

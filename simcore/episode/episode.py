@@ -7,7 +7,6 @@ from collections import deque
 from functools import cache
 from typing import TYPE_CHECKING, Any
 
-import numpy as np
 from threadpoolctl import ThreadpoolController
 
 from simcore.episode.command import checked_command
@@ -18,6 +17,7 @@ from simcore.episode.snapshot import Snapshot, check_same_insertion
 from simcore.episode.targets import Targets
 from simcore.errors import NeedlebenchError, Problem, ScenarioError, Status
 from simcore.insertion.state import Pose
+from simcore.linear_algebra.products import norm
 from simcore.robot import DelayedCommands, limited_pose
 from simcore.scenario.build import insertion_of, robot_limits
 from simcore.scenario.controller_rules import needs_tissue
@@ -141,14 +141,14 @@ class Episode:
         state = self.insertion.step(self.state, base)
         self.plant_s = self.clock() - started
         if state.report.status is not Status.COMPLETED:
-            error_m = float(np.linalg.norm(self.state.tip_m - target_m))
+            error_m = norm(self.state.tip_m - target_m)
             ending = after_failure(self.insertion, self.state, state, error_m, self.authority)
             self._end(*ending)
             return
         where = self.where
         self.before, self.state, self.step_number = self.state, state, self.step_number + 1
         self.view.look(self.step_number, state)
-        error_m = float(np.linalg.norm(state.tip_m - target_m))
+        error_m = norm(state.tip_m - target_m)
         status, message = after_step(self.scenario, self.insertion, state, error_m, self.authority)
         self.status, self.message = status, f"{where}: {message}" if message else ""
 

@@ -10,9 +10,9 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 import numpy as np
-from scipy.linalg.lapack import spbtrf, spbtrs
 
 from simcore.compiled import kernel
+from simcore.linear_algebra.band import empty_band, factor_band, solve_band
 from simcore.tissue.model import TissueModel, assemble_band
 
 if TYPE_CHECKING:
@@ -30,10 +30,11 @@ def inertia(tissue: TissueModel, dt_s: float) -> Floats:
 
 
 def solve_factored(factor: Singles, right: Floats | Singles) -> Singles:
-    """A^-1 right, (unknowns,) or (unknowns, k), in single precision, by a banded Cholesky factor of A; a diverging step
+    """A^-1 right, (unknowns,) or (k, unknowns), in single precision, by a banded Cholesky factor of A; a diverging step
     overflows to infinity."""
     with np.errstate(over="ignore", invalid="ignore"):
-        solution: Singles = spbtrs(factor, right.astype(np.float32), lower=1)[0]
+        solution: Singles = np.array(right, np.float32, order="C")
+    solve_band(factor, np.atleast_2d(solution))
     return solution
 
 
@@ -51,16 +52,16 @@ class Compliance:
         self.columns = np.zeros((capacity, 3, tissue.unknowns), np.float32)
         self.column_rest_m = np.full((capacity, 3), np.nan)
         self.between_points = np.zeros((3 * capacity, 3 * capacity))
-        self._band = np.zeros((tissue.band + 1, tissue.unknowns), np.float32, order="F")
         self.refactor(np.tile(np.eye(3).ravel(), (len(tissue.mesh.tets), 1)))
 
     def refactor(self, rotations: Floats) -> None:
         """Factor at the present rotations (t, 9); forgets every column. Raises NotPositiveDefiniteError."""
         t = self.tissue
-        assemble_band(t.tetrahedra, rotations, t.unknown, self.scale, self.diagonal, self._band)
-        self.factor, info = spbtrf(self._band, lower=1)
-        if info != 0:
-            raise NotPositiveDefiniteError(f"the stiffness is not positive definite in row {info}")
+        band = empty_band(t.unknowns, t.band)
+        assemble_band(t.tetrahedra, rotations, t.unknown, self.scale, self.diagonal, band)
+        if (row := factor_band(band)) > 0:
+            raise NotPositiveDefiniteError(f"the stiffness is not positive definite in row {row}")
+        self.factor = band
         self.column_rest_m[:] = np.nan
         self.rotations = rotations.copy()
 
@@ -69,7 +70,7 @@ class Compliance:
         return float(np.abs(rotations - self.rotations).max())
 
     def solve(self, right: Floats | Singles) -> Singles:
-        """A^-1 right, (unknowns,) or (unknowns, k), in single precision; a diverging step overflows to infinity."""
+        """A^-1 right, (unknowns,) or (k, unknowns), in single precision; a diverging step overflows to infinity."""
         return solve_factored(self.factor, right)
 
     def sync(self, channel: Channel) -> None:
@@ -88,13 +89,13 @@ class Compliance:
         return [int(j) for j in np.flatnonzero(channel.created[:n] & ~kept)[::-1]]
 
     def _compute_columns(self, channel: Channel, element: int) -> None:
-        right = np.zeros((self.tissue.unknowns, 3), np.float32, order="F")
+        right = np.zeros((3, self.tissue.unknowns), np.float32)
         for k in range(channel.touched[element]):
             rank = self.tissue.unknown[channel.nodes[element, k]]
             if rank >= 0:
                 for i in range(3):
-                    right[3 * rank + i, i] += channel.weights[element, k]
-        self.columns[element] = self.solve(right).T
+                    right[i, 3 * rank + i] += channel.weights[element, k]
+        self.columns[element] = self.solve(right)
         self.column_rest_m[element] = channel.rest_m[element]
 
 
@@ -112,3 +113,13 @@ def compliance_rows(element: int, count: int, balls: Balls, unknown: Ints, colum
                         value += weights[element, k] * columns[j, b, 3 * rank + a]
                 between[3 * element + a, 3 * j + b] = value
                 between[3 * j + b, 3 * element + a] = value
+
+
+@kernel
+def add_columns(elements: Ints, columns: Singles, change: Floats, moves: Singles) -> None:
+    """Add to moves (unknowns,) m what the change (a, 3) N of the forces on the elements (a,) does to the tissue."""
+    for i in range(len(elements)):
+        first, second, third = columns[elements[i], 0], columns[elements[i], 1], columns[elements[i], 2]
+        x, y, z = np.float32(change[i, 0]), np.float32(change[i, 1]), np.float32(change[i, 2])
+        for k in range(len(moves)):
+            moves[k] += x * first[k] + y * second[k] + z * third[k]

@@ -23,6 +23,7 @@ from simcore.contact.channel import tributary_lengths
 from simcore.contact.kernels import moved_shaft, needle_right_sides
 from simcore.contact.line import coupled_length
 from simcore.insertion.line_tangent import Lengths, Turning, add_line_rows, projected_arcs
+from simcore.linear_algebra.products import dot, norm, product, times
 from simcore.needle.model import factor_blocks, solve_blocks
 from simcore.needle.shaft import Shaft, shaft_columns, shaft_frame, shaft_weights
 
@@ -239,8 +240,8 @@ def _inserted_row(
             row[3 * a + i] += slope
             continue
         apart = solved.active.channel.position(model.channel, int(element), solved.bodies.x) - points.c[i]
-        slope /= points.dc[i] @ points.dc[i] - apart @ points.ddc[i]
-        row += slope * (apart @ turn[i] - points.dc[i] @ shaft[i])
+        slope /= dot(points.dc[i], points.dc[i]) - dot(apart, points.ddc[i])
+        row += slope * (times(turn[i].T, apart) - times(shaft[i].T, points.dc[i]))
         by_ball[3 * i : 3 * i + 3] = slope * points.dc[i]
     return row, by_ball
 
@@ -263,16 +264,17 @@ def _subtract_lengths(
 def _surface_rows(model: CoupledModel, solved: SolvedStep, rows: Floats, per_ball: Floats) -> None:
     """Contact before puncture: Signorini along the surface's normal; while it slides, F_lateral = mu F_n u, u against
     the lateral gap. The gap rows become those of the surface's frame."""
-    rows[:3], per_ball[:3] = solved.at.points.frames[0] @ rows[:3], solved.at.points.frames[0] @ per_ball[:3]
+    frame = solved.at.points.frames[0]
+    rows[:3], per_ball[:3] = product(frame, rows[:3]), product(frame, per_ball[:3])
     force = np.zeros((3, rows.shape[1]))
-    force[:, :3] = solved.at.points.frames[0]
+    force[:, :3] = frame
     if solved.at.mode[0] != 1:
         rows[2], per_ball[2] = force[2], 0.0
     if not solved.at.slide.any():
         return
-    mu, distance = model.law.friction, float(np.hypot(*solved.at.points.gap[0, :2]))
+    mu, distance = model.law.friction, norm(solved.at.points.gap[0, :2])
     across = np.eye(2) - np.outer(solved.at.slide, solved.at.slide)
-    pressure = float(solved.at.points.frames[0, 2] @ solved.at.force_n[0])
+    pressure = dot(frame[2], solved.at.force_n[0])
     by_gap = mu * pressure / distance * across if distance > 0.0 else np.zeros((2, 2))
-    rows[:2] = by_gap @ rows[:2] + force[:2] - mu * np.outer(solved.at.slide, force[2])
-    per_ball[:2] = by_gap @ per_ball[:2]
+    rows[:2] = product(by_gap, rows[:2]) + force[:2] - mu * np.outer(solved.at.slide, force[2])
+    per_ball[:2] = product(by_gap, per_ball[:2])

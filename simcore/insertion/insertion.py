@@ -9,9 +9,11 @@ import numpy as np
 
 from simcore.contact.channel import Channel, Phase
 from simcore.contact.cutting import advance_end, puncture, refresh_elements, slide_contact
+from simcore.elementary import arc_tangent
 from simcore.errors import Status
 from simcore.insertion.solver import solve_step, tissue_response
 from simcore.insertion.state import Bodies, Goal, Guess, Pose, SolvedStep, StepReport, Workspace
+from simcore.linear_algebra.products import norm, times
 from simcore.needle.model import NeedleModel, increments, straight
 from simcore.rotations import exp_map
 
@@ -139,7 +141,7 @@ class Insertion:
         """(3,) m, world: where the tissue point at `rest_m` is when the nodes are at x (n, 3) m, by the shape functions
         of its tetrahedron."""
         nodes, weights = self.tissue.mesh.locate(rest_m)
-        moved: Floats = rest_m + weights @ (x[nodes] - self.tissue.mesh.nodes_m[nodes])
+        moved: Floats = rest_m + times((x[nodes] - self.tissue.mesh.nodes_m[nodes]).T, weights)
         return moved
 
     def held_shift_m(self, state: InsertionState) -> Floats:
@@ -200,7 +202,7 @@ def rotation_towards(direction: Floats) -> Floats:
     """(3, 3) smallest rotation that takes +z to `direction` (3,), unit."""
     z = np.array([0.0, 0.0, 1.0])
     axis = np.cross(z, direction)
-    sine, cosine = float(np.linalg.norm(axis)), float(direction[2])
+    sine, cosine = norm(axis), float(direction[2])
     if sine < 1e-15:
         return np.eye(3) if cosine > 0 else np.diag([1.0, -1.0, -1.0])
-    return exp_map(axis / sine * np.arctan2(sine, cosine))
+    return exp_map(axis / sine * arc_tangent(sine, cosine))

@@ -10,12 +10,13 @@ from simcore.contact.channel import Channel, Phase
 from simcore.contact.kernels import ConstraintPoints, Motion, move_nodes, moved_shaft, tissue_moves, to_local, to_world
 from simcore.contact.laws import Response, Staircase, solve_laws, staircases
 from simcore.contact.line import free_points
+from simcore.insertion.compliance import add_columns
 from simcore.insertion.residuals import Constraints, Unknowns, residuals
-from simcore.insertion.response import NeedleResponse, linear_response
+from simcore.insertion.response import NeedleResponse, linear_response, needle_loads, with_forces
 from simcore.insertion.state import ActiveSet, Bodies, Goal, Guess, Iterate, Residuals, Workspace
 from simcore.needle.model import advance, solve_blocks
 from simcore.needle.shaft import Shaft
-from simcore.rotations import log_map
+from simcore.rotations import compose, log_map
 from simcore.tissue.model import rotated_stiffness_times
 
 if TYPE_CHECKING:
@@ -33,7 +34,7 @@ def begin(
     bodies = first.bodies
     if goal.held_shift_m is not None:
         move_held(model, bodies.x, goal.held_shift_m)
-    turn = log_map(goal.base.rotation @ bodies.needle_R[0].T)
+    turn = log_map(compose(goal.base.rotation, bodies.needle_R[0].T))
     elements = channel.active_elements()
     a, contact = len(elements), channel.phase is Phase.CONTACT
     stair, balls = Staircase.of_size(a), channel.balls
@@ -115,18 +116,12 @@ def correct(model: CoupledModel, workspace: Workspace, active: ActiveSet, at: It
     gap = points.gap + to_local(points.frames, tissue_part - shaft_part[:, :, 0])
     force, new_force, new_arc = to_local(points.frames, at.force_n), np.empty((a, 3)), np.empty(a)
     response = Response(needle.w, gap, points.arc, points.speed, force)
-    try:
-        settled = a == 0 or solve_laws(response, at.law(model, active), at.mode, at.slide, new_force, new_arc)
-    except np.linalg.LinAlgError:
-        settled = False
-    if not settled:
+    if a > 0 and not solve_laws(response, at.law(model, active), at.mode, at.slide, new_force, new_arc):
         return False
     change = to_world(points.frames, new_force - force)
     at.force_n = at.force_n + change
     points.arc[:] = new_arc
-    moves = np.zeros((model.needle.elements + 1, 6))
-    moves[0] = at.base_gap
-    moves[1:] = needle_step[:, :, 0] - needle.per_force @ change.ravel()
+    moves = with_forces(at.base_gap, needle_step, needle.per_force, change)
     advance(at.bodies.needle_x, at.bodies.needle_R, moves)
     at.base_gap = np.zeros(6)
     move_tissue(model, workspace, active, at, tissue_step, change)
@@ -135,8 +130,7 @@ def correct(model: CoupledModel, workspace: Workspace, active: ActiveSet, at: It
 
 def _needle_step(workspace: Workspace, needle: NeedleResponse, at: Iterate) -> Floats:
     """(n, 6, 1) m, rad: moves of the needle's free nodes under their residual and the prescribed move of the base."""
-    step = workspace.needle_rest[1:, :, None].copy()
-    step[0, :, 0] -= workspace.beams.lower[0] @ at.base_gap
+    step = needle_loads(workspace.needle_rest, workspace.beams.lower[0], at.base_gap)
     solve_blocks(*needle.factor, workspace.beams.upper[1:], step)
     return step
 
@@ -145,10 +139,5 @@ def move_tissue(
     model: CoupledModel, workspace: Workspace, active: ActiveSet, at: Iterate, step: Singles, change: Floats
 ) -> None:
     """Move the free nodes by `step` (unknowns,) m and by what the `change` (a, 3) N of the forces adds to it."""
-    count = active.channel.count
-    full = np.zeros((count, 3), np.float32)
-    columns = workspace.compliance.columns[:count].reshape(3 * count, -1)
-    with np.errstate(over="ignore", invalid="ignore"):  # a diverging step is named when it is evaluated
-        full[active.elements] = change
-        step += full.ravel() @ columns
+    add_columns(active.elements, workspace.compliance.columns, change, step)
     move_nodes(model.tissue.unknown, step, at.bodies.x)

@@ -16,7 +16,6 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from scipy.linalg import lu_factor, lu_solve
 from scipy.sparse import csr_matrix
 
 from simcore.contact.channel import project
@@ -25,6 +24,8 @@ from simcore.insertion.compliance import inertia, solve_factored
 from simcore.insertion.constraint_tangent import ConstraintTangent, constraint_tangent, shaft_changes, shaft_points
 from simcore.insertion.jacobian_fast import Linearisation, lateral_offset
 from simcore.krylov import gmres
+from simcore.linear_algebra.dense import add_product, factor_lu, solve_lu
+from simcore.linear_algebra.products import dot, norm, product, times
 from simcore.tissue.tangent import Dynamics, tangent_times
 
 if TYPE_CHECKING:
@@ -51,15 +52,20 @@ class CoupledResponse:
         self.columns = tissue.columns.astype(float)
         self.dynamics = Dynamics(inertia(model.tissue, model.dt_s), model.tissue.stiffness_damping_s, model.dt_s)
         matrix = tangent.matrix.copy()
-        matrix[:, : 3 * a] += tangent.per_ball @ (self.balls @ self.columns.T)
-        self.factor = lu_factor(matrix)
+        by_forces = np.zeros((4 * a, 3 * a))
+        add_product(tangent.per_ball, self.balls @ self.columns.T, by_forces)
+        matrix[:, : 3 * a] += by_forces
+        self.factor, self.pivots = matrix, np.empty(len(matrix), np.int64)
+        self.regular = factor_lu(self.factor, self.pivots)
 
     def respond(self, load: Floats, base: Floats) -> Floats:
         """(k, unknowns + 4a) under loads (k, unknowns) N on the tissue and moves (6, k) of the base."""
-        dx = solve_factored(self.tissue.factor, load.T).astype(float)
-        right = self.tangent.per_ball @ (self.balls @ dx) + self.tangent.per_base @ base
-        y = -lu_solve(self.factor, right).T
-        return np.hstack([dx.T + y[:, : len(self.columns)] @ self.columns, y])
+        dx = solve_factored(self.tissue.factor, load).astype(float)
+        y = product(self.tangent.per_ball, self.balls @ dx.T) + product(self.tangent.per_base, base)
+        solve_lu(self.factor, self.pivots, y)
+        y = np.ascontiguousarray(-y.T)
+        add_product(y[:, : len(self.columns)].copy(), self.columns, dx)
+        return np.hstack([dx, y])
 
     def residual(self, response: Floats) -> Floats:
         """(k, unknowns) N: K dx - B^T dF, with the exact tangent K of the tissue."""
@@ -106,7 +112,7 @@ def needle_response(model: CoupledModel, solved: SolvedStep, tangent: Constraint
         raise ValueError("the step was solved without keeping the tissue: Insertion(..., keeps_tissue=True)")
     coupled = CoupledResponse(model, solved, solved.tissue, tangent)
     first = coupled.respond(np.zeros((6, unknowns)), base)
-    if not np.isfinite(first).all():
+    if not (coupled.regular and np.isfinite(first).all()):
         raise ModelFailureError(Status.NOT_FINITE, "the exact Jacobian has no finite response of the constraint forces")
     allowed = TOLERANCE * np.linalg.norm(coupled.load(first), axis=1)
     change, rest = gmres(
@@ -120,7 +126,8 @@ def needle_response(model: CoupledModel, solved: SolvedStep, tangent: Constraint
         message = f"the exact Jacobian's residual is {rest.max():.3g} N per motion (allowed {allowed.max():.3g})"
         raise ModelFailureError(Status.NOT_CONVERGED, f"{message} after at most {MAX_ITERATIONS} iterations")
     y = (first + change)[:, unknowns:]
-    return by_base + tangent.moves[:, :, : 4 * a] @ y.T
+    per_y = tangent.moves[:, :, : 4 * a]
+    return by_base + product(per_y.reshape(-1, 4 * a), y.T).reshape(by_base.shape)
 
 
 def passing_response(model: CoupledModel, solved: SolvedStep, moves: Floats) -> tuple[Floats | None, Floats]:
@@ -134,8 +141,8 @@ def passing_response(model: CoupledModel, solved: SolvedStep, moves: Floats) -> 
     at = shaft_points(b, length, np.array([s]))
     shaft, turn = shaft_changes(at, moves, np.eye(6))
     apart, dc = entry_m - at.c[0], at.dc[0]
-    ds = (apart @ turn[0] - dc @ shaft[0]) / (dc @ dc - apart @ at.ddc[0])
-    dtau = (turn[0] + np.outer(at.ddc[0], ds)) / np.linalg.norm(dc)
+    ds = (times(turn[0].T, apart) - times(shaft[0].T, dc)) / (dot(dc, dc) - dot(apart, at.ddc[0]))
+    dtau = (turn[0] + np.outer(at.ddc[0], ds)) / norm(dc)
     lead = int(abs(frame[2, 0]) >= 0.9)  # the axis that n1 leans towards: see frame_along
-    spin = -frame[2, lead] / np.sqrt(1.0 - frame[2, lead] ** 2) * (frame[1] @ dtau)
-    return frame[:2] @ shaft[0] + np.outer([offset[1], -offset[0]], spin), offset
+    spin = -frame[2, lead] / np.sqrt(1.0 - frame[2, lead] ** 2) * times(dtau.T, frame[1])
+    return product(frame[:2], shaft[0]) + np.outer([offset[1], -offset[0]], spin), offset

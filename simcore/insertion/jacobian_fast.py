@@ -17,6 +17,8 @@ from simcore.contact.channel import project
 from simcore.contact.kernels import frame_along, moved_shaft, to_local
 from simcore.contact.laws import Response, system_rows
 from simcore.insertion.response import linear_response
+from simcore.linear_algebra.dense import solved_system
+from simcore.linear_algebra.products import product, times
 from simcore.needle.model import solve_blocks
 from simcore.needle.shaft import shaft_columns, shaft_frame
 
@@ -48,7 +50,7 @@ def lateral_offset(model: CoupledModel, bodies: Bodies, inserted_m: float) -> tu
     c, dc, _, beam, h = shaft_frame(b.needle_x, b.needle_R, length, s)
     frame = np.empty((3, 3))
     frame_along(dc, frame)
-    return frame[:2] @ (c - model.entry_m), frame, beam, h
+    return times(frame[:2], c - model.entry_m), frame, beam, h
 
 
 def linearise(model: CoupledModel, solved: SolvedStep) -> Linearisation:
@@ -61,7 +63,7 @@ def linearise(model: CoupledModel, solved: SolvedStep) -> Linearisation:
     shaft_columns(solved.bodies.needle_R, beam, h, row[0])
     passing = np.empty((1, 3, 6))
     moved_shaft(beams, row, np.eye(6), free, passing)
-    return Linearisation(free[-1, :3], frame[:2] @ passing[0], offset)
+    return Linearisation(free[-1, :3], product(frame[:2], passing[0]), offset)
 
 
 def base_response(model: CoupledModel, solved: SolvedStep) -> tuple[Floats, Floats]:
@@ -77,7 +79,7 @@ def base_response(model: CoupledModel, solved: SolvedStep) -> tuple[Floats, Floa
     shaft = np.empty((a, 3, 6))
     moved_shaft(points.beams, points.columns, np.eye(6), free, shaft)
     change = _force_response(model, solved, needle.w, shaft)
-    return free - needle.per_force @ change, change
+    return free - product(needle.per_force.reshape(-1, 3 * a), change).reshape(free.shape), change
 
 
 def _force_response(model: CoupledModel, solved: SolvedStep, w: Floats, shaft_moves: Floats) -> Floats:
@@ -93,6 +95,6 @@ def _force_response(model: CoupledModel, solved: SolvedStep, w: Floats, shaft_mo
     local[active.free, :2] = 0.0
     if slides:
         local[0, :2] = 0.0
-    change = np.linalg.solve(matrix, local.reshape(3 * a, 6)).reshape(a, 3, 6)
+    change = solved_system(matrix, local.reshape(3 * a, 6)).reshape(a, 3, 6)
     world: Floats = np.einsum("iba,ibk->iak", points.frames, change)
     return world.reshape(3 * a, 6)

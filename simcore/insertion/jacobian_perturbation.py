@@ -19,8 +19,9 @@ from simcore.contact.channel import Phase
 from simcore.errors import ModelFailureError, Status
 from simcore.insertion.jacobian_fast import Linearisation, base_response, lateral_offset
 from simcore.insertion.state import Bodies, Guess, Pose, SolvedStep
+from simcore.linear_algebra.products import product, times
 from simcore.needle.model import advance, increments
-from simcore.rotations import exp_map
+from simcore.rotations import compose, exp_map
 
 if TYPE_CHECKING:
     from simcore.arrays import Floats, Ints, Singles
@@ -55,7 +56,7 @@ class Perturbation:
         for dof in range(6):
             twist = np.zeros(6)
             twist[dof] = size = self.shift_m if dof < 3 else self.shift_m / self.lever_arm_m
-            base = Pose(state.base.position_m + twist[:3], exp_map(twist[3:]) @ state.base.rotation)
+            base = Pose(state.base.position_m + twist[:3], compose(exp_map(twist[3:]), state.base.rotation))
             linear = response.guess(twist) if response else None
             moved_tip, moved_offset = self._measured(self._perturbed(before, base, dof, linear))
             columns[:3, dof] = (moved_tip - tip) / size
@@ -106,16 +107,16 @@ class Response:
         needle, forces = base_response(model, solved)
         tissue, unknown = np.zeros((len(solved.bodies.x), 3, 6)), model.tissue.unknown
         free = unknown >= 0
-        tissue[free] = (columns.T @ forces.astype(np.float32)).reshape(-1, 3, 6)[unknown[free]]
+        tissue[free] = product(columns.T, forces).reshape(-1, 3, 6)[unknown[free]]
         state = Guess(solved.bodies.copy(), solved.at.force_n, solved.at.mode.copy())
         return cls(state, tissue, np.concatenate([np.eye(6)[None], needle]), forces.reshape(-1, 3, 6))
 
     def guess(self, twist: Floats) -> Guess:
         """The state after a twist (6,) m, rad of the base."""
         bodies: Bodies = self.state.bodies.copy()
-        bodies.x += self.tissue @ twist
-        advance(bodies.needle_x, bodies.needle_R, self.needle @ twist)
-        return Guess(bodies, self.state.force_n + self.forces @ twist, self.state.mode)
+        bodies.x += times(self.tissue, twist)
+        advance(bodies.needle_x, bodies.needle_R, times(self.needle, twist))
+        return Guess(bodies, self.state.force_n + times(self.forces, twist), self.state.mode)
 
 
 @dataclass(frozen=True)

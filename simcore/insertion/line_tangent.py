@@ -11,6 +11,8 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
+from simcore.linear_algebra.products import dot, norm, product, times
+
 if TYPE_CHECKING:
     from simcore.arrays import Floats
     from simcore.insertion.model import CoupledModel
@@ -27,9 +29,9 @@ class Turning(NamedTuple):
 
     def axis(self, i: int) -> tuple[Floats, Floats, float]:
         """Tau (3,), its change (3, k) and |c'| of element i."""
-        size = float(np.linalg.norm(self.dc[i]))
+        size = norm(self.dc[i])
         tau = self.dc[i] / size
-        return tau, (self.change[i] - np.outer(tau, tau @ self.change[i])) / size, size
+        return tau, (self.change[i] - np.outer(tau, times(self.change[i].T, tau))) / size, size
 
 
 class Lengths(NamedTuple):
@@ -74,13 +76,15 @@ def _add_gap(
     (tau, dtau, _), line, force = turning.axis(i), model.line.compliance_m2_per_n, solved.at.force_n[i]
     length = coupled.length_m[i]
     across = np.eye(3) - np.outer(tau, tau)
-    pressed, compliance = line @ across @ force, across @ line @ across / length
+    pressed = times(line, times(across, force))
+    compliance = product(product(across, line), across) / length
     own = rows[3 * i : 3 * i + 3]
-    own += (-dtau * (tau @ pressed) - np.outer(tau, pressed @ dtau)) / length
-    own += across @ line @ (-dtau * (tau @ force) - np.outer(tau, force @ dtau)) / length
+    own += (-dtau * dot(tau, pressed) - np.outer(tau, times(dtau.T, pressed))) / length
+    turned = -dtau * dot(tau, force) - np.outer(tau, times(dtau.T, force))
+    own += product(product(across, line), turned) / length
     own[:, 3 * i : 3 * i + 3] += compliance
-    own -= np.outer(compliance @ force, coupled.change[i] / length)
-    per_ball[3 * i : 3 * i + 3] -= np.outer(compliance @ force, coupled.by_ball[i] / length)
+    own -= np.outer(times(compliance, force), coupled.change[i] / length)
+    per_ball[3 * i : 3 * i + 3] -= np.outer(times(compliance, force), coupled.by_ball[i] / length)
 
 
 def _add_creep(
@@ -95,9 +99,10 @@ def _add_creep(
     """d(s + C F_tau / |c'|) = 0 where it sticks; the row has ds already."""
     (tau, dtau, size), line, force = turning.axis(i), model.line.compliance_m2_per_n, solved.at.force_n[i]
     length, row = coupled.length_m[i], 3 * len(solved.active.elements) + i
-    compliance, along = tau @ line @ tau / length, tau @ force
-    rows[row] += (2.0 * along / length * (line @ tau) + compliance * force) @ dtau / size
-    rows[row] -= compliance * along / size**2 * (tau @ turning.change[i])
+    along_line, along = times(line, tau), dot(tau, force)
+    compliance = dot(tau, along_line) / length
+    rows[row] += times(dtau.T, 2.0 * along / length * along_line + compliance * force) / size
+    rows[row] -= compliance * along / size**2 * times(turning.change[i].T, tau)
     rows[row, 3 * i : 3 * i + 3] += compliance / size * tau
     rows[row] -= compliance * along / (size * length) * coupled.change[i]
     per_ball[row] -= compliance * along / (size * length) * coupled.by_ball[i]
@@ -107,8 +112,9 @@ def _free(solved: SolvedStep, i: int, turning: Turning, rows: Floats, per_ball: 
     """Along the shaft d(tau . g) = 0, across it d(P F) = P dF - dtau F_tau - tau (...) = 0."""
     tau, dtau, _ = turning.axis(i)
     own, by_ball = rows[3 * i : 3 * i + 3].copy(), per_ball[3 * i : 3 * i + 3].copy()
-    lateral = -dtau * (tau @ solved.at.force_n[i])
+    lateral = -dtau * dot(tau, solved.at.force_n[i])
     lateral[:, 3 * i : 3 * i + 3] += np.eye(3) - np.outer(tau, tau)
-    gap = solved.at.points.frames[i].T @ solved.at.points.gap[i]
-    rows[3 * i : 3 * i + 3] = np.outer(tau, tau @ own + gap @ dtau) + LATERAL_M_PER_N * lateral
-    per_ball[3 * i : 3 * i + 3] = np.outer(tau, tau @ by_ball)
+    gap = times(solved.at.points.frames[i].T, solved.at.points.gap[i])
+    along = times(own.T, tau) + times(dtau.T, gap)
+    rows[3 * i : 3 * i + 3] = np.outer(tau, along) + LATERAL_M_PER_N * lateral
+    per_ball[3 * i : 3 * i + 3] = np.outer(tau, times(by_ball.T, tau))

@@ -52,3 +52,32 @@ def responses(
     moved_shaft(points.beams, points.columns, np.zeros((6, 3 * a)), moves, shaft)
     local_compliance(elements, between, shaft, points.frames, points.compliance, w)
     return w, moves, inverses, multipliers
+
+
+@kernel
+def needle_loads(rest: Floats, lower: Floats, base_gap: Floats) -> Floats:
+    """(n, 6, 1) loads on the free nodes: their residual (n + 1, 6), and what the prescribed move (6,) of the base does
+    to the first of them by lower (6, 6)."""
+    loads = np.empty((len(rest) - 1, 6, 1))
+    for i in range(len(loads)):
+        for c in range(6):
+            loads[i, c, 0] = rest[i + 1, c]
+    for c in range(6):
+        for k in range(6):
+            loads[0, c, 0] -= lower[c, k] * base_gap[k]
+    return loads
+
+
+@kernel
+def with_forces(base_gap: Floats, step: Floats, per_force: Floats, change: Floats) -> Floats:
+    """(n + 1, 6) m, rad: moves of all nodes, step (n, 6, 1) less what the change (a, 3) N of the forces does to them by
+    per_force (n, 6, 3a)."""
+    moves = np.empty((len(step) + 1, 6))
+    moves[0] = base_gap
+    for i in range(len(step)):
+        for c in range(6):
+            value = step[i, c, 0]
+            for k in range(per_force.shape[2]):
+                value -= per_force[i, c, k] * change[k // 3, k % 3]
+            moves[i + 1, c] = value
+    return moves

@@ -10,6 +10,9 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from simcore.linear_algebra.dense import is_positive_definite, solved_system
+from simcore.linear_algebra.products import product
+
 if TYPE_CHECKING:
     from simcore.arrays import Floats
     from simcore.insertion.model import CoupledModel
@@ -33,13 +36,9 @@ def is_stable(model: CoupledModel, solved: SolvedStep, *, load: float = 1.0) -> 
     """
     needle = _needle_tangent(solved) + (load - 1.0) * _stiffness_of_tension(model, solved)
     rows, compliance = _held_rows(solved)
-    held = needle + rows.T @ np.linalg.solve(compliance, rows) if len(rows) else needle
+    held = needle + product(rows.T, solved_system(compliance, rows)) if len(rows) else needle
     scale = np.tile(np.repeat([1.0, 1.0 / model.needle.element_length_m], 3), len(held) // NODE)
-    try:
-        np.linalg.cholesky(0.5 * (held + held.T) * np.outer(scale, scale))
-    except np.linalg.LinAlgError:
-        return False
-    return True
+    return is_positive_definite(0.5 * (held + held.T) * np.outer(scale, scale))
 
 
 def _needle_tangent(solved: SolvedStep) -> Floats:
@@ -81,7 +80,7 @@ def _stiffness_of_tension(model: CoupledModel, solved: SolvedStep) -> Floats:
         )
         for a in range(4):
             for b in range(4):
-                block = tensions[i] * shape[a, b] * slope[a].T @ across @ slope[b]
+                block = tensions[i] * shape[a, b] * product(product(slope[a].T, across), slope[b])
                 row, column = NODE * i + 3 * a, NODE * i + 3 * b
                 full[row : row + 3, column : column + 3] += block
     return full[NODE:, NODE:]
@@ -96,7 +95,7 @@ def _held_rows(solved: SolvedStep) -> tuple[Floats, Floats]:
     moves = np.zeros((a, 3, NODE * (n + 1)))
     for i in range(a):
         first = NODE * points.beams[i]
-        moves[i, :, first : first + 2 * NODE] = points.frames[i] @ points.columns[i]
+        moves[i, :, first : first + 2 * NODE] = product(points.frames[i], points.columns[i])
     keep = np.ones((a, 3), bool)
     keep[:, 2] = at.mode % 2 == 1
     keep[active.free, :2] = False

@@ -5,9 +5,10 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from scipy.special import expit
 
+from simcore.elementary import sigmoid
 from simcore.learning.regressor import Arrays, DataError, Regressor, Shapes, ridge_solution
+from simcore.linear_algebra.products import product
 
 if TYPE_CHECKING:
     from simcore.arrays import Floats
@@ -46,9 +47,9 @@ class ExtremeLearningMachine(Regressor):
         rng = np.random.default_rng(self.seed)
         w = rng.uniform(-self.weight_range, self.weight_range, (self.nodes, X.shape[1]))
         b = rng.uniform(-self.weight_range, self.weight_range, self.nodes)
-        return {"w": w, "b": b, "beta": ridge_solution(expit(X @ w.T + b), Y, self.ridge)}
+        return {"w": w, "b": b, "beta": ridge_solution(sigmoid(product(X, w.T) + b), Y, self.ridge)}
 
     def _predict(self, X: Floats) -> Floats:
         a = self.arrays
-        answer: Floats = expit(X @ a["w"].T + a["b"]) @ a["beta"]
+        answer: Floats = product(sigmoid(product(X, a["w"].T) + a["b"]), a["beta"])
         return answer

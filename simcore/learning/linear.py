@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Any
 
 from simcore.learning.regressor import Arrays, DataError, Regressor, Shapes, ridge_solution
+from simcore.linear_algebra.products import product
 
 if TYPE_CHECKING:
     from simcore.arrays import Floats
@@ -33,5 +34,5 @@ class LinearModel(Regressor):
         return {"a": ridge_solution(X, Y, self.ridge)}
 
     def _predict(self, X: Floats) -> Floats:
-        answer: Floats = X @ self.arrays["a"]
+        answer: Floats = product(X, self.arrays["a"])
         return answer

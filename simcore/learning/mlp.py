@@ -6,10 +6,10 @@ from collections.abc import Callable, Sequence
 from itertools import pairwise
 from typing import Any
 
-import numpy as np
-
 from simcore.arrays import Floats
+from simcore.elementary import sigmoid
 from simcore.learning.regressor import Arrays, DataError, Regressor, Shapes
+from simcore.linear_algebra.products import product
 
 Layers = list[tuple[Floats, Floats]]  # weights (from, to) and biases (to,) of each layer
 Trainer = Callable[[Floats, Floats, tuple[int, ...], int], Layers]
@@ -50,6 +50,6 @@ class MultilayerPerceptron(Regressor):
         a, last = self.arrays, len(self.hidden)
         h = X
         for i in range(last):
-            h = np.tanh(h @ a[f"w{i}"] + a[f"b{i}"])
-        answer: Floats = h @ a[f"w{last}"] + a[f"b{last}"]
+            h = 2.0 * sigmoid(2.0 * (product(h, a[f"w{i}"]) + a[f"b{i}"])) - 1.0
+        answer: Floats = product(h, a[f"w{last}"]) + a[f"b{last}"]
         return answer

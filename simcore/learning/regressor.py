@@ -104,8 +104,10 @@ def ridge_solution(H: Floats, Y: Floats, ridge: float) -> Floats:
 
     The normal equations would square the condition number of H, which is large for random sigmoid features.
     """
+    from simcore.linear_algebra.least_squares import least_squares  # slow to import, and no prediction needs it
+
     columns = H.shape[1]
     stacked = np.vstack([H, np.sqrt(ridge * len(H)) * np.eye(columns)])
     right = np.vstack([Y, np.zeros((columns, Y.shape[1]))])
-    solution: Floats = np.linalg.lstsq(stacked, right, rcond=None)[0]
+    solution: Floats = least_squares(stacked, right)
     return solution

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 
 from simcore.compiled import kernel
+from simcore.mesh.edges import determinants
 
 if TYPE_CHECKING:
     from simcore.arrays import Floats, Ints
@@ -137,7 +138,7 @@ def box_mesh(size_m: Floats, cells: tuple[int, int, int]) -> BoxMesh:
 
 def _node_index(corner: Ints, cells: tuple[int, int, int]) -> Ints:
     """(n,) node numbers of the grid corners (n, 3)."""
-    index: Ints = corner @ np.array([1, cells[0] + 1, (cells[0] + 1) * (cells[1] + 1)])
+    index: Ints = (corner * np.array([1, cells[0] + 1, (cells[0] + 1) * (cells[1] + 1)])).sum(axis=-1)
     return index
 
 
@@ -160,7 +161,7 @@ def _kuhn_tets(cells: tuple[int, int, int]) -> Ints:
 def oriented(nodes: Floats, tets: Ints) -> Ints:
     """Swap two corners wherever the volume is negative; tets is changed."""
     edges = nodes[tets[:, 1:]] - nodes[tets[:, :1]]
-    flipped = np.linalg.det(edges) < 0
+    flipped = determinants(edges) < 0
     tets[flipped] = tets[flipped][:, [0, 2, 1, 3]]
     return tets
 

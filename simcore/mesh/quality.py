@@ -8,6 +8,8 @@ import numpy as np
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
+from simcore.mesh.edges import determinants
+
 if TYPE_CHECKING:
     from simcore.arrays import Flags, Floats, Ints
 
@@ -44,7 +46,7 @@ def shapes_of(nodes_m: Floats, tets: Ints) -> Floats:
 
 def _volumes_and_shapes(corners: Floats) -> tuple[Floats, Floats]:
     """Of tetrahedra (t, 4, 3) in any orientation."""
-    volumes = np.abs(np.linalg.det(corners[:, 1:] - corners[:, :1])) / 6.0
+    volumes = np.abs(determinants(corners[:, 1:] - corners[:, :1])) / 6.0
     pairs = [(a, b) for a in range(4) for b in range(a)]
     edges = np.array([np.sum((corners[:, a] - corners[:, b]) ** 2, axis=1) for a, b in pairs])
     shape = 6.0 * np.sqrt(2.0) * volumes / np.maximum(edges.mean(axis=0), np.finfo(float).tiny) ** 1.5

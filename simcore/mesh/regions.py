@@ -7,6 +7,8 @@ from typing import TYPE_CHECKING, Protocol
 
 import numpy as np
 
+from simcore.linear_algebra.products import norm, times
+
 if TYPE_CHECKING:
     from simcore.arrays import Flags, Floats
 
@@ -44,8 +46,7 @@ class PlaneRegion:
     def contains(self, points_m: Floats) -> Flags:
         """As in `Region`."""
         inside: Flags = (
-            np.abs((points_m - self.point_m) @ (self.normal / np.linalg.norm(self.normal)))
-            <= self.within_m + ROUNDING_M
+            np.abs(times(points_m - self.point_m, self.normal / norm(self.normal))) <= self.within_m + ROUNDING_M
         )
         return inside
 

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from simcore.linear_algebra.products import norm, times
 from simcore.mesh.quality import SIZE_MM, shapes_of
 from simcore.mesh.reader import body_of, digest_of, load_mesh
 
@@ -105,7 +106,7 @@ def entries_of(mesh: TetMesh) -> list[Entry]:
             first = int(np.argmin(hits))
             entry, (a, b, c) = start + hits[first] * direction, triangles[which[first]]
             normal = -np.cross(b - a, c - a)
-            normal /= np.linalg.norm(normal)
+            normal /= norm(normal)
             onward, _ = _hits(triangles, entry + BELOW_M * normal, normal)
             depth = 1e3 * (BELOW_M + float(onward.min())) if len(onward) else 0.0
             found.append(Entry(_rounded(1e3 * entry), _rounded(normal), round(depth, 3)))
@@ -121,7 +122,7 @@ def _hits(triangles: Floats, start: Floats, direction: Floats) -> tuple[Floats, 
         offset = start - triangles[:, 0]
         u = np.einsum("ti,ti->t", offset, across) / scale
         turned = np.cross(offset, first)
-        v = turned @ direction / scale
+        v = times(turned, direction) / scale
         distance = np.einsum("ti,ti->t", second, turned) / scale
         met = (u >= 0.0) & (v >= 0.0) & (u + v <= 1.0) & (distance > 0.0) & np.isfinite(distance)
     rows: Ints = np.flatnonzero(met)

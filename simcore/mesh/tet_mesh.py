@@ -10,6 +10,8 @@ from scipy.sparse import coo_array
 from scipy.sparse.csgraph import reverse_cuthill_mckee
 from scipy.spatial import cKDTree
 
+from simcore.linear_algebra.products import norm, times
+from simcore.mesh.edges import determinants
 from simcore.mesh.mesh import Mesh, oriented, surface_of
 from simcore.mesh.tet_search import TetSearch, locate_in_tets, nearest_triangle, outside_by
 
@@ -46,7 +48,7 @@ class TetMesh(Mesh):
     def element_size_m(self) -> float:
         """Edge of the cube that six tetrahedra of mean volume fill, as in the box mesh."""
         edges = self.nodes_m[self.tets[:, 1:]] - self.nodes_m[self.tets[:, :1]]
-        return float(np.cbrt(np.linalg.det(edges).mean()))
+        return float(np.cbrt(determinants(edges).mean()))
 
     def locate(self, point_m: Floats) -> tuple[Ints, Floats]:
         """In the tetrahedron around the point; outside, in the one of the nearest point of the surface."""
@@ -64,13 +66,13 @@ class TetMesh(Mesh):
         """The surface triangle nearest to a point (3,) m, and the nearest point (3,) m on it."""
         weights = np.empty(3)
         triangle, _ = nearest_triangle(self.search, point_m, weights)
-        return int(triangle), weights @ self.search.triangles[triangle]
+        return int(triangle), times(self.search.triangles[triangle].T, weights)
 
     def inward_normal(self, point_m: Floats) -> Floats:
         """Of the surface triangle nearest to the point."""
         a, b, c = self.search.triangles[self.nearest_on_surface(point_m)[0]]
         outward = np.cross(b - a, c - a)
-        normal: Floats = -outward / np.linalg.norm(outward)
+        normal: Floats = -outward / norm(outward)
         return normal
 
     def node_orders(self, held: Ints) -> list[Ints]:

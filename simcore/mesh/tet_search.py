@@ -8,6 +8,7 @@ import numpy as np
 
 from simcore.compiled import kernel
 from simcore.mesh.bounding_tree import LEAF, BoundingTree, squared_distance
+from simcore.mesh.edges import edge_inverses
 
 if TYPE_CHECKING:
     from simcore.arrays import Floats, Ints
@@ -39,9 +40,8 @@ class TetSearch(NamedTuple):
     def of(cls, nodes_m: Floats, tets: Ints, surface: Ints) -> TetSearch:
         """Build the tables; surface: (s, 3) nodes of the surface triangles."""
         corners, triangles = nodes_m[tets], nodes_m[surface]
-        edges = np.swapaxes(corners[:, 1:] - corners[:, :1], 1, 2)
         t, s = BoundingTree.of(corners), BoundingTree.of(triangles)
-        inverses = np.ascontiguousarray(np.linalg.inv(edges))
+        inverses = edge_inverses(nodes_m, tets)[1]
         origins = np.ascontiguousarray(corners[:, 0])
         return cls(tets, origins, inverses, t.low, t.high, t.items, triangles, surface, s.low, s.high, s.items)
 

@@ -15,6 +15,7 @@ import numpy as np
 
 from simcore.compiled import kernel
 from simcore.errors import Status
+from simcore.linear_algebra.products import product
 from simcore.needle.beam import BeamForces, Section, internal
 from simcore.rotations import compose, exp_map, log_map, project_rotation
 
@@ -158,9 +159,10 @@ def increments(x: Floats, R: Floats, x_new: Floats, R_new: Floats) -> Floats:
 
 def rigid_move(x: Floats, R: Floats, position: Floats, rotation: Floats) -> None:
     """Carry the state rigidly, in place, with its base to `position` (3,) m, `rotation` (3, 3), world."""
-    turn = rotation @ R[0].T
-    x[:] = position + (x - x[0]) @ turn.T
-    R[:] = turn @ R
+    turn = compose(rotation, R[0].T)
+    x[:] = position + product(x - x[0], turn.T)
+    for i in range(len(R)):
+        R[i] = compose(turn, R[i])
     R[0] = rotation
 
 

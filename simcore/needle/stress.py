@@ -29,7 +29,7 @@ def largest_strain(x: Floats, R: Floats, section: Section, outer_radius_m: float
         if len(section.rest_frames) > 0:
             R1, R2 = compose(R1, section.rest_frames[i, 0]), compose(R2, section.rest_frames[i, 1])
         beam = deform(x[i], x[i + 1], R1, R2, section.element_length_m, k, scratch)
-        moment = max(math.hypot(beam.m1[0], beam.m1[1]), math.hypot(beam.m2[0], beam.m2[1]))
+        moment = math.sqrt(max(beam.m1[0] ** 2 + beam.m1[1] ** 2, beam.m2[0] ** 2 + beam.m2[1] ** 2))
         strain = outer_radius_m * moment / section.bending_nm2 + abs(beam.tension) / section.axial_n
         largest = max(largest, strain)
     return largest

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from simcore.linear_algebra.singular_values import smallest_of_pairs
 from simcore.scenario.scenario import InverseFem
 
 if TYPE_CHECKING:
@@ -31,7 +32,7 @@ def authority_arrays(authority: list[Floats], rows: int) -> dict[str, Floats]:
         found[: len(authority)] = authority
     known = np.isfinite(found).all(axis=(1, 2))
     smallest = np.full(rows, np.nan)
-    smallest[known] = np.linalg.svd(found[known], compute_uv=False)[:, -1]
+    smallest[known] = smallest_of_pairs(found[known])
     return dict(zip(AUTHORITY, (found, smallest), strict=True))
 
 

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from simcore.insertion.jacobian_fast import lateral_offset
+from simcore.linear_algebra.products import dot, norm
 from simcore.metrics import metrics
 from simcore.needle.shaft import shaft_polyline
 from simcore.needle.stress import largest_strain
@@ -146,8 +147,8 @@ class Recorder:
             depth_m=state.inserted_m,
             base_force_n=state.base_wrench[:3].copy(),
             base_torque_nm=state.base_wrench[3:].copy(),
-            insertion_force_n=float(state.base_wrench[:3] @ base.rotation[:, 2]),
-            rcm_error_m=float(np.hypot(*offset)),
+            insertion_force_n=dot(state.base_wrench[:3], base.rotation[:, 2]),
+            rcm_error_m=norm(offset),
             iterations=state.report.iterations,
             residual_n=state.report.residual_n,
             violation_m=state.report.violation_m,
@@ -180,7 +181,7 @@ class Recorder:
         state = self.episode.state
         place = self.entry_point.positions(state.bodies.x, mesh.nodes_m)[0]
         drag = place - self.insertion.entry_m - self.insertion.held_shift_m(state)
-        return float(np.linalg.norm(drag - (drag @ inward) * inward))
+        return norm(drag - dot(drag, inward) * inward)
 
     def _needle_stress_pa(self) -> float:
         needle, b = self.insertion.needle, self.episode.state.bodies

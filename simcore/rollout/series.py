@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from simcore.linear_algebra.products import norm, times
 from simcore.rollout.authority import authority_arrays
 from simcore.rollout.result import DERIVED, FRAMES, TIMES
 
@@ -59,7 +60,7 @@ class SeriesBuilder:
         self.rows["recording_s"].append(recording_s)
         lateral = lateral_forces(record)
         self.lateral_sum_n.append(float(np.linalg.norm(lateral, axis=1).sum()))
-        self.lateral_resultant_n.append(float(np.linalg.norm(lateral.sum(axis=0))))
+        self.lateral_resultant_n.append(norm(lateral.sum(axis=0)))
         if record.tissue_m is not None:
             self.frames.append(record)
 
@@ -123,8 +124,8 @@ def _padded(parts: list[Floats]) -> Floats:
 def lateral_forces(record: StepRecord) -> Floats:
     """(a, 3) N: point forces across the straight line from base to tip."""
     axis = record.tip_m - record.base_position_m
-    axis = axis / np.linalg.norm(axis)
-    across: Floats = record.point_forces_n - np.outer(record.point_forces_n @ axis, axis)
+    axis = axis / norm(axis)
+    across: Floats = record.point_forces_n - np.outer(times(record.point_forces_n, axis), axis)
     return across
 
 

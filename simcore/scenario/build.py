@@ -12,6 +12,7 @@ from simcore.contact.line import LineCoupling, cylinder_compliance
 from simcore.contact.line_calibration import mesh_deficit
 from simcore.insertion.insertion import Insertion
 from simcore.insertion.model import CoupledModel, Tolerances
+from simcore.linear_algebra.products import norm
 from simcore.mesh.mesh import Mesh, box_mesh
 from simcore.mesh.reader import load_mesh
 from simcore.needle.model import NeedleModel, Tube
@@ -129,7 +130,7 @@ def breathing_motion(motion: Still | Breathing) -> BreathingMotion | None:
     if isinstance(motion, Still):
         return None
     direction = np.array(motion.direction)
-    return BreathingMotion(motion.amplitude_mm * 1e-3, motion.period_s, direction / np.linalg.norm(direction))
+    return BreathingMotion(motion.amplitude_mm * 1e-3, motion.period_s, direction / norm(direction))
 
 
 def robot_limits(robot: Robot) -> RobotLimits:

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from simcore.errors import Problem
+from simcore.linear_algebra.products import norm
 from simcore.mesh.numbering import held_nodes
 from simcore.scenario.blocks import MAXIMUM_CELLS, SIDES, FixedBox, FixedPlane, Tissue
 
@@ -16,6 +17,8 @@ if TYPE_CHECKING:
 
     from simcore.arrays import Floats, Ints
     from simcore.mesh.mesh import Mesh
+
+LINE_M = 1e-6  # points so near to a line are on it
 
 
 def held_of(tissue: Tissue, mesh: Mesh) -> Ints:
@@ -51,7 +54,7 @@ def held_problems(tissue: Tissue, nodes_m: Floats, held: Ints) -> list[Problem]:
             allowed = f"holds no node of the mesh, which extends from {low} to {high} mm"
             return [Problem(f"tissue.fixed_regions[{i}]", region.model_dump(mode="json"), allowed)]
     name, value = _first_of(tissue)
-    if np.linalg.matrix_rank(nodes_m[held] - nodes_m[held[:1]], tol=1e-6) < 2:
+    if _on_a_line(nodes_m[held]):
         return [Problem(f"tissue.{name}", value, f"holds {len(held)} nodes; at least 3 not on a line are needed")]
     if len(held) == len(nodes_m):
         return [Problem(f"tissue.{name}", value, f"holds all {len(held)} nodes; at least one must be free")]
@@ -101,3 +104,13 @@ def _first_of(tissue: Tissue) -> tuple[str, object]:
 
 def _listed(values: Floats) -> str:
     return "[" + ", ".join(f"{value:.6g}" for value in values) + "]"
+
+
+def _on_a_line(points_m: Floats) -> bool:
+    """Whether points (k, 3) m lie on one line, or there are none."""
+    if not len(points_m):
+        return True
+    apart = points_m - points_m[0]
+    farthest = apart[np.argmax(np.linalg.norm(apart, axis=1))]
+    across = np.linalg.norm(np.cross(apart, farthest / max(norm(farthest), LINE_M)), axis=1)
+    return bool(across.max() < LINE_M)

@@ -8,6 +8,7 @@ import numpy as np
 
 from simcore.arrays import Floats, Ints
 from simcore.errors import Problem, ScenarioError
+from simcore.linear_algebra.products import dot, norm
 from simcore.mesh.numbering import free_node_order, half_bandwidth
 from simcore.mesh.reader import digest_of, load_mesh
 from simcore.mesh.tet_mesh import TetMesh
@@ -71,7 +72,7 @@ def snapped_entry_mm(tissue: Tissue, path: Guide) -> tuple[float, float, float]:
     mesh = load_mesh(tissue.mesh_file, unit_mm=tissue.mesh_unit_mm, names=tissue.fixed_sets, sha256=tissue.mesh_sha256)
     entry_m = np.array(path.entry_mm) * 1e-3
     _, nearest = mesh.nearest_on_surface(entry_m)
-    apart_mm = 1e3 * float(np.linalg.norm(nearest - entry_m))
+    apart_mm = 1e3 * norm(nearest - entry_m)
     if not ROUNDING_MM < apart_mm <= path.entry_snap_mm:
         return path.entry_mm
     x, y, z = (round(1e3 * float(value), 6) + 0.0 for value in nearest)
@@ -86,7 +87,7 @@ def mesh_path_problems(tissue: Tissue, path: Path, end_field: str) -> list[Probl
     mesh = load_mesh(tissue.mesh_file, unit_mm=tissue.mesh_unit_mm, names=tissue.fixed_sets, sha256=tissue.mesh_sha256)
     entry, end = (1e3 * path.entry_m).tolist(), (1e3 * path.end_m).tolist()
     triangle, nearest = mesh.nearest_on_surface(path.entry_m)
-    apart = 1e3 * float(np.linalg.norm(nearest - path.entry_m))
+    apart = 1e3 * norm(nearest - path.entry_m)
     if apart > ON_SURFACE_MM:
         allowed = (
             f"must lie on the mesh's surface within {ON_SURFACE_MM:g} mm; {_mm(nearest)} does, {apart:.3g} mm away; "
@@ -97,7 +98,7 @@ def mesh_path_problems(tissue: Tissue, path: Path, end_field: str) -> list[Probl
     if np.isin(mesh.surface_triangles[triangle], held_of(tissue, mesh)).all():
         return [Problem("trajectory.entry_mm", entry, "must not lie on a held part of the surface")]
     inward = mesh.inward_normal(path.entry_m)
-    if path.first_tangent() @ inward <= 0.0:
+    if dot(path.first_tangent(), inward) <= 0.0:
         allowed = (
             f"must be reached into the tissue; at the entry the path leads out of it (inward: {_mm(1e-3 * inward)})"
         )

@@ -8,6 +8,7 @@ import numpy as np
 
 from simcore.arrays import Floats
 from simcore.errors import Problem
+from simcore.linear_algebra.products import norm
 from simcore.scenario.blocks import MINIMUM_DEPTH_MM, STAND_OFF_MM, Needle, Tissue
 from simcore.scenario.held_parts import block_problems
 from simcore.scenario.suggestions import point_in_another_unit
@@ -119,11 +120,11 @@ def direction_problems(guide: Guide) -> list[Problem]:
     if not isinstance(guide, SineTrajectory | ArcTrajectory):
         return []
     chord = np.subtract(guide.target_mm, guide.entry_mm)
-    across = np.linalg.norm(np.cross(guide.direction, chord))
-    if across <= 1e-9 * np.linalg.norm(guide.direction) * np.linalg.norm(chord):
+    across = norm(np.cross(guide.direction, chord))
+    if across <= 1e-9 * norm(np.array(guide.direction)) * norm(chord):
         allowed = "must be a vector across the path, neither zero nor along it"
         return [Problem("trajectory.direction", list(guide.direction), allowed)]
-    least = 0.5 * float(np.linalg.norm(chord))
+    least = 0.5 * norm(chord)
     if isinstance(guide, ArcTrajectory) and guide.radius_mm < least:
         allowed = f"must be at least {least:.6g} mm, half of the distance from entry to target"
         return [Problem("trajectory.radius_mm", guide.radius_mm, allowed)]

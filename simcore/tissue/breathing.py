@@ -15,6 +15,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from simcore.elementary_kernels import sine_cosine
+
 if TYPE_CHECKING:
     from simcore.arrays import Floats
 
@@ -29,6 +31,6 @@ class BreathingMotion:
 
     def shift_m(self, t_s: float) -> Floats:
         """(3,) m, world: displacement of every held node from the reference shape at time t."""
-        share = np.sin(np.pi * ((t_s / self.period_s) % 1.0)) ** 2
+        share = sine_cosine(np.pi * ((t_s / self.period_s) % 1.0))[0] ** 2
         shift: Floats = 2.0 * self.amplitude_m * share * self.direction
         return shift

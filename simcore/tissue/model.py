@@ -16,6 +16,9 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 
 from simcore.compiled import kernel
+from simcore.linear_algebra.dense import add_product
+from simcore.linear_algebra.singular_values import nearest_rotation
+from simcore.mesh.edges import edge_inverses
 from simcore.mesh.numbering import free_node_order, half_bandwidth
 
 if TYPE_CHECKING:
@@ -98,10 +101,8 @@ class TissueModel:
 
 def shape_gradients(nodes_m: Floats, tets: Ints) -> tuple[Floats, Floats]:
     """Gradients grad N_a (t, 4, 3) 1/m and volumes (t,) m3 of linear tetrahedra at rest."""
-    edges = nodes_m[tets[:, 1:]] - nodes_m[tets[:, :1]]
-    volumes = np.linalg.det(edges) / 6.0
-    inner = np.swapaxes(np.linalg.inv(edges), 1, 2)
-    return np.concatenate([-inner.sum(axis=1, keepdims=True), inner], axis=1), volumes
+    sixfold, inner = edge_inverses(nodes_m, tets)
+    return np.concatenate([-inner.sum(axis=1, keepdims=True), inner], axis=1), sixfold / 6.0
 
 
 def lumped_masses(mesh: Mesh, volumes_m3: Floats, density_kg_m3: float) -> Floats:
@@ -162,14 +163,8 @@ def polar_rotation(f: Floats, r: Floats) -> bool:
 
 @kernel
 def cold_polar_rotation(f: Floats, r: Floats) -> None:
-    """Rotation of F by the singular value decomposition, reflections removed: the fallback of the warm start."""
-    u, _, vt = np.linalg.svd(f.copy().reshape(3, 3))
-    if np.linalg.det(u) * np.linalg.det(vt) < 0.0:
-        u[:, 2] = -u[:, 2]
-    rotation = u @ vt
-    for i in range(3):
-        for j in range(3):
-            r[3 * i + j] = rotation[i, j]
+    """Rotation of F by its singular vectors, reflections removed: the fallback of the warm start."""
+    nearest_rotation(f.reshape(3, 3), r.reshape(3, 3))
 
 
 @kernel
@@ -232,22 +227,22 @@ def rotated_stiffness_times(
     """Write out = sum R_e K_e R_e^T v, (n, 3), K_e the linear stiffness: V R (2 mu eps + lambda tr(eps) I) grad N_a
     with eps = sym(R^T grad v). Used for the stiffness-proportional damping."""
     out[:] = 0.0
+    slope, local, stress, p = np.empty((3, 3)), np.empty((3, 3)), np.empty((3, 3)), np.empty((3, 3))
     for e in range(len(tets)):
         g = gradients[e]
         t = tets[e]
         r = rotations[e].reshape(3, 3)
-        slope = np.zeros((3, 3))
+        slope[:], local[:], p[:] = 0.0, 0.0, 0.0
         for a in range(4):
             for i in range(3):
                 for j in range(3):
                     slope[i, j] += v[t[a], i] * g[a, j]
-        local = r.T @ slope
-        eps = 0.5 * (local + local.T)
-        stress = 2.0 * mu * eps
-        trace = lam * (eps[0, 0] + eps[1, 1] + eps[2, 2])
+        add_product(r.T, slope, local)
+        trace = lam * (local[0, 0] + local[1, 1] + local[2, 2])
         for i in range(3):
-            stress[i, i] += trace
-        p = volumes[e] * (r @ stress)
+            for j in range(3):
+                stress[i, j] = volumes[e] * (mu * (local[i, j] + local[j, i]) + (trace if i == j else 0.0))
+        add_product(r, stress, p)
         for a in range(4):
             for i in range(3):
                 out[t[a], i] += p[i, 0] * g[a, 0] + p[i, 1] * g[a, 1] + p[i, 2] * g[a, 2]
@@ -257,12 +252,11 @@ def rotated_stiffness_times(
 def assemble_band(  # noqa: C901  (nested loops over the entries of an element, no cases)
     tetrahedra: Tetrahedra, rotations: Floats, unknown: Ints, scale: float, diagonal: Floats, band: Singles
 ) -> None:
-    """Lower band of scale * sum R_e K_e R_e^T + diag(diagonal), written: band[i - j, j] = A[i, j].
+    """Add to the lower band of A, band[j, i - j] = A[i, j]: scale * sum R_e K_e R_e^T + diag(diagonal).
 
     With h_a = R grad N_a: K_ab = V (lambda h_a h_b^T + mu h_b h_a^T + mu (h_a . h_b) I). diagonal: (n,) per node.
     """
     tets, gradients, volumes, mu, lam = tetrahedra
-    band[:] = 0.0
     h = np.empty((4, 3))
     for e in range(len(tets)):
         r = rotations[e]
@@ -287,8 +281,8 @@ def assemble_band(  # noqa: C901  (nested loops over the entries of an element, 
                         value = v * (lam * h[a, i] * h[b, j] + mu * h[b, i] * h[a, j])
                         if i == j:
                             value += v * mu * dot
-                        band[row + i - column - j, column + j] += value
+                        band[column + j, row + i - column - j] += value
     for node in range(len(unknown)):
         if unknown[node] >= 0:
             for i in range(3):
-                band[0, 3 * unknown[node] + i] += diagonal[node]
+                band[3 * unknown[node] + i, 0] += diagonal[node]

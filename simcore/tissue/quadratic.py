@@ -10,9 +10,10 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
-from scipy.linalg.lapack import spbtrf, spbtrs
 
 from simcore.compiled import kernel
+from simcore.linear_algebra.band import empty_band, factor_band, solve_band
+from simcore.linear_algebra.products import dot, norm
 from simcore.tissue.model import TissueModel, assemble_band
 
 if TYPE_CHECKING:
@@ -92,16 +93,16 @@ class QuadraticTissue:
             linear += coarse(load - self.stiffness_times(linear))
         moves, rest = linear.copy(), load - self.stiffness_times(linear)
         better = rest / diagonal + coarse(rest)
-        along, size = better.copy(), float(np.vdot(rest, better))
+        along, size = better.copy(), dot(rest, better)
         for _ in range(MAX_ITERATIONS):
-            if np.linalg.norm(rest) <= TOLERANCE * np.linalg.norm(load):
+            if norm(rest) <= TOLERANCE * norm(load):
                 return moves, linear
             force = self.stiffness_times(along)
-            share = size / float(np.vdot(along, force))
+            share = size / dot(along, force)
             moves += share * along
             rest -= share * force
             better = rest / diagonal + coarse(rest)
-            before, size = size, float(np.vdot(rest, better))
+            before, size = size, dot(rest, better)
             along = better + (size / before) * along
         raise ArithmeticError(f"the quadratic reference did not converge in {MAX_ITERATIONS} iterations")
 
@@ -109,11 +110,10 @@ class QuadraticTissue:
 def _linear_solver(quadratic: QuadraticTissue) -> Callable[[Floats], Floats]:
     """P A^-1 P^T of a load (n + e, 3) N, by the banded factor of the linear tissue at rest, in single precision."""
     t = quadratic.linear
-    band = np.zeros((t.band + 1, t.unknowns), np.float32, order="F")
+    factor = empty_band(t.unknowns, t.band)
     still = np.tile(np.eye(3).ravel(), (len(t.mesh.tets), 1))
-    assemble_band(t.tetrahedra, still, t.unknown, 1.0, np.zeros(len(t.unknown)), band)
-    factor, info = spbtrf(band, lower=1)
-    if info != 0:
+    assemble_band(t.tetrahedra, still, t.unknown, 1.0, np.zeros(len(t.unknown)), factor)
+    if factor_band(factor) > 0:
         raise ArithmeticError("the tissue at rest is not positive definite: nothing holds it")
     free = np.flatnonzero(t.unknown >= 0)
 
@@ -121,9 +121,10 @@ def _linear_solver(quadratic: QuadraticTissue) -> Callable[[Floats], Floats]:
         right = np.zeros((t.unknowns // 3, 3))
         right[t.unknown[free]] = quadratic.restricted(load)[free]
         scale = float(np.abs(right).max()) or 1.0
-        answer = spbtrs(factor, (right / scale).ravel().astype(np.float32), lower=1)[0].astype(float) * scale
+        answer = (right / scale).reshape(1, -1).astype(np.float32)
+        solve_band(factor, answer)
         moves = np.zeros((len(t.unknown), 3))
-        moves[free] = answer.reshape(-1, 3)[t.unknown[free]]
+        moves[free] = scale * answer.astype(float).reshape(-1, 3)[t.unknown[free]]
         return quadratic.held_back(quadratic.prolonged(moves))
 
     return solve

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 
 from simcore.compiled import kernel
+from simcore.elementary_kernels import arc_tangent, sine_cosine
 
 if TYPE_CHECKING:
     from simcore.arrays import Floats, Ints
@@ -68,5 +69,7 @@ def outer_eigenvalues(c: Floats) -> tuple[float, float]:
     a, b, d = (c[0, 0] - mean) / spread, (c[1, 1] - mean) / spread, (c[2, 2] - mean) / spread
     e, g, h = c[0, 1] / spread, c[0, 2] / spread, c[1, 2] / spread
     half_det = 0.5 * (a * (b * d - h * h) - e * (e * d - h * g) + g * (e * h - b * g))
-    angle = np.arccos(min(1.0, max(-1.0, half_det))) / 3.0
-    return mean + 2.0 * spread * np.cos(angle + 2.0 * np.pi / 3.0), mean + 2.0 * spread * np.cos(angle)
+    angle = arc_tangent(np.sqrt(max(0.0, (1.0 - half_det) * (1.0 + half_det))), half_det) / 3.0
+    sine, cosine = sine_cosine(angle)
+    least = -0.5 * cosine - 0.5 * np.sqrt(3.0) * sine  # the cosine a third of a turn on
+    return mean + 2.0 * spread * least, mean + 2.0 * spread * cosine

@@ -11,6 +11,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from simcore.elementary import arc_tangent, sines_cosines
+from simcore.linear_algebra.products import dot, norm
 from simcore.trajectory.path import PANELS, Path
 
 if TYPE_CHECKING:
@@ -37,9 +39,9 @@ class SinePath(Path):
         """(3,) unit vector of the overlay, perpendicular to the chord; zero for a straight path."""
         if self.amplitude_m == 0.0 or self.direction is None:
             return np.zeros(3)
-        axis = self.chord / np.linalg.norm(self.chord)
-        across = self.direction - (self.direction @ axis) * axis
-        return across / np.linalg.norm(across)
+        axis = self.chord / norm(self.chord)
+        across = self.direction - dot(self.direction, axis) * axis
+        return across / norm(across)
 
     @property
     def is_straight(self) -> bool:
@@ -49,20 +51,20 @@ class SinePath(Path):
     def curve(self, u: Floats) -> Floats:
         """Points (n, 3) m at the parameters u (n,) in [0, 1]."""
         u = np.atleast_1d(np.asarray(u, dtype=float))
-        wave = self.amplitude_m * np.sin(2 * np.pi * self.periods * u)
+        wave = self.amplitude_m * sines_cosines(2 * np.pi * self.periods * u)[0]
         return self.entry_m + u[:, None] * self.chord + wave[:, None] * self.overlay
 
     def derivative(self, u: Floats) -> Floats:
         """Derivatives d curve / du (n, 3) m at the parameters u (n,)."""
         u = np.atleast_1d(np.asarray(u, dtype=float))
         k = 2 * np.pi * self.periods
-        slope = self.amplitude_m * k * np.cos(k * u)
+        slope = self.amplitude_m * k * sines_cosines(k * u)[1]
         return self.chord + slope[:, None] * self.overlay
 
     def second_derivative(self, u: Floats) -> Floats:
         """Derivatives d2 curve / du2 (n, 3) m at the parameters u (n,)."""
         k = 2 * np.pi * self.periods
-        bend = -self.amplitude_m * k**2 * np.sin(k * np.atleast_1d(np.asarray(u, dtype=float)))
+        bend = -self.amplitude_m * k**2 * sines_cosines(k * np.atleast_1d(np.asarray(u, dtype=float)))[0]
         return bend[:, None] * self.overlay
 
 
@@ -82,20 +84,21 @@ class ArcPath(Path):
     @cached_property
     def _frame(self) -> tuple[Floats, Floats, Floats, float]:
         """Centre (3,) m, unit vectors along the chord and to the side, half of the angle."""
-        length = float(np.linalg.norm(self.chord))
+        length = norm(self.chord)
         along = self.chord / length
-        side = self.direction - (self.direction @ along) * along
-        side = side / np.linalg.norm(side)
+        side = self.direction - dot(self.direction, along) * along
+        side = side / norm(side)
         sagging = math.sqrt(max(self.radius_m**2 - 0.25 * length**2, 0.0))
         centre = 0.5 * (self.entry_m + self.end_m) - sagging * side
-        return centre, along, side, math.asin(min(1.0, 0.5 * length / self.radius_m))
+        return centre, along, side, arc_tangent(0.5 * length, sagging)
 
     def _turning(self, u: Floats, order: int) -> Floats:
         """(n, 3) m: the derivative of this order, from the centre."""
         _, along, side, half = self._frame
         angle = (2.0 * np.atleast_1d(np.asarray(u, dtype=float)) - 1.0) * half + 0.5 * np.pi * order
         size = self.radius_m * (2.0 * half) ** order
-        return size * (np.cos(angle)[:, None] * side + np.sin(angle)[:, None] * along)
+        sines, cosines = sines_cosines(angle)
+        return size * (cosines[:, None] * side + sines[:, None] * along)
 
     def curve(self, u: Floats) -> Floats:
         """Points (n, 3) m at the parameters u (n,) in [0, 1]."""

@@ -6,6 +6,8 @@
 from __future__ import annotations
 
 import json
+import os
+import platform
 import subprocess
 import sys
 from pathlib import Path
@@ -13,6 +15,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pytest
+from numpy._core._multiarray_umath import __cpu_features__  # type: ignore[attr-defined]
 
 from simcore.errors import Status
 from simcore.rollout.digest import digest
@@ -106,6 +109,55 @@ from simcore.rollout.rollout import run
 from simcore.scenario.scenario import Scenario
 print(json.dumps([run(Scenario.load(data)).digest for data in json.load(sys.stdin)]))
 """
+
+
+ARC = {"kind": "arc", "entry_mm": [12, 20, 0], "target_mm": [12, 22, 20], "radius_mm": 300}
+POINTS = {"kind": "waypoints", "entry_mm": [12, 20, 0], "points_mm": [[12, 20.4, 10], [12, 21, 20]]}
+OTHERS: dict[str, dict[str, Any]] = {
+    "exact Jacobian": {**SMALL, "controller": {"kind": "ifem", "derivative": "exact"}},
+    "perturbation": {**SMALL, "controller": {"kind": "ifem", "jacobian": "perturbation"}, "trajectory": ARC},
+    "axis": {**SMALL, "controller": {"kind": "ifem", "orientation": "axis"}, "trajectory": POINTS},
+    "elm": {**SMALL, "controller": {"kind": "elm"}},
+    "linearised": {**SMALL, "solver": {"mode": "linearised"}},
+    "hard": {**SMALL, "interaction": {"spacing_mm": 10, "line_compliance": False, "tip": "held", "puncture_n": 0.05}},
+    "breathing": {**SMALL, "tissue": DYNAMIC, "motion": {"kind": "breathing", "amplitude_mm": 0.5, "period_s": 2}},
+}
+WIDE = [name for name in ("X86_V3", "X86_V4", "AVX512_ICL", "AVX512_SPR") if __cpu_features__.get(name)]
+PLAIN_C = ",".join(f"-{name}" for name in ("AVX2", "AVX2_Usable", "FMA", "FMA_Usable", "FMA4", "AVX512F", "AVX512VL"))
+PROCESSORS = {  # OpenBLAS's kernels, those of Numba, NumPy's loops, the functions of the C library
+    **{f"OpenBLAS for {core}": {"OPENBLAS_CORETYPE": core} for core in ("Prescott", "Haswell", "SkylakeX")},
+    "NumPy and C library without AVX and FMA": {
+        "NPY_DISABLE_CPU_FEATURES": " ".join(WIDE),
+        "GLIBC_TUNABLES": f"glibc.cpu.hwcaps={PLAIN_C}",
+    },
+    "kernels for any x86-64": {"NUMBA_CPU_NAME": "generic"},
+}
+
+
+@pytest.fixture(scope="module")
+def here() -> list[str]:
+    """Digests of all kinds in this process."""
+    return [run(Scenario.load(data)).digest for data in (KINDS | OTHERS).values()]
+
+
+@pytest.mark.slow
+@pytest.mark.skipif(platform.machine() not in ("x86_64", "AMD64"), reason="about x86-64 processors")
+@pytest.mark.parametrize("name", PROCESSORS)
+def test_another_processor_gives_the_same_digests(here: list[str], name: str, tmp_path: Path) -> None:
+    """The compliance that the mesh owes is computed there, too: nothing kept but compiled kernels."""
+    kernels = {"NUMBA_CACHE_DIR": os.environ["NUMBA_CACHE_DIR"], "XDG_CACHE_HOME": str(tmp_path)}
+    done = subprocess.run(
+        [sys.executable, "-c", PROGRAM],
+        input=json.dumps(list((KINDS | OTHERS).values())),
+        env={**os.environ, **kernels, **PROCESSORS[name]},
+        cwd=ROOT,
+        capture_output=True,
+        text=True,
+        check=True,
+    )
+    different = [kind for kind, a, b in zip(KINDS | OTHERS, json.loads(done.stdout), here, strict=True) if a != b]
+    text = f"digests that differ: {name}, of {len(here)} kinds of runs"
+    verify("reproducibility", text, expected=0, measured=len(different), tolerance=0, source=SOURCE)
 
 
 @pytest.mark.slow

@@ -183,14 +183,14 @@ def test_band_is_the_matrix_free_product(faces: tuple[str, ...]) -> None:
     model = block(fixed_faces=faces)
     rotations, rng = random_rotations(model), np.random.default_rng(3)
     diagonal = rng.uniform(0.1, 1.0, len(model.mesh.nodes_m))
-    band: Vector = np.empty((model.band + 1, model.unknowns), order="F")
+    band: Vector = np.zeros((model.unknowns, model.band + 1))
     assemble_band(model.tetrahedra, rotations, model.unknown, 1.7, diagonal, band)
     v, free = np.zeros_like(model.mesh.nodes_m), model.unknown >= 0
     v[free] = rng.normal(size=(free.sum(), 3))
     expected = (1.7 * stiffness_times(model, v, rotations) + diagonal[:, None] * v)[free]
     ranked = np.empty((free.sum(), 3))
     ranked[model.unknown[free]] = v[free]
-    full = from_lower_band(band)
+    full = from_lower_band(band.T)
     product = (full @ ranked.ravel()).reshape(-1, 3)[model.unknown[free]]
     np.testing.assert_allclose(product, expected, atol=1e-13 * np.abs(expected).max())
 
