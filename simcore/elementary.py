@@ -9,7 +9,7 @@ place of the exact one. `elementary_kernels` has them for kernels.
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -20,7 +20,7 @@ QUARTER_TURN = (1.57079632673412561417, 6.07710050630396597660e-11, 2.0222662487
 LN2 = (6.93147180369123816490e-01, 1.90821492927058770002e-10)  # two parts
 
 
-def sine_cosine_near_zero(x):  # type: ignore[no-untyped-def]
+def sine_cosine_near_zero(x: Any) -> tuple[Any, Any]:
     """Of an angle of at most pi / 4, rad: a number, also inside kernels, or an array."""
     z = x * x
     s = 8.33333333332248946124e-03 + z * (
@@ -93,7 +93,7 @@ def exponential(x: Floats) -> Floats:
         )
     )
     near: Floats = 1.0 - ((low - (r * c) / (2.0 - c)) - high)
-    found: Floats = np.ldexp(near, power.astype(np.int64))
+    found: Floats = np.ldexp(near, np.where(np.isnan(power), 0.0, power).astype(np.int64))
     return found
 
 

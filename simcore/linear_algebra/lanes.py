@@ -20,11 +20,11 @@ _INDEX = ir.IntType(64)
 
 def _sum_of_products(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
     first, second = (
-        cgutils.create_struct_proxy(kind)(context, builder, value)
+        cgutils.create_struct_proxy(kind)(context, builder, value)  # type: ignore[no-untyped-call]
         for kind, value in zip(signature.args, arguments, strict=True)
     )
     lanes = ir.VectorType(ir.FloatType(), LANES)
-    sums = cgutils.alloca_once_value(builder, ir.Constant(lanes, [0.0] * LANES))
+    sums = cgutils.alloca_once_value(builder, ir.Constant(lanes, [0.0] * LANES))  # type: ignore[no-untyped-call]
     last = builder.sub(first.nitems, ir.Constant(_INDEX, LANES - 1))
     with cgutils.for_range_slice(builder, _INDEX(0), last, _INDEX(LANES), intp=_INDEX) as (start, _):
         a, b = (

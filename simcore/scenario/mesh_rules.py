@@ -113,7 +113,7 @@ def mesh_path_problems(tissue: Tissue, path: Path, end_field: str) -> list[Probl
 
 def _is_on_surface(mesh: TetMesh, point_mm: tuple[float, float, float]) -> bool:
     point_m = 1e-3 * np.array(point_mm)
-    return 1e3 * float(np.linalg.norm(mesh.nearest_on_surface(point_m)[1] - point_m)) <= ON_SURFACE_MM
+    return 1e3 * norm(mesh.nearest_on_surface(point_m)[1] - point_m) <= ON_SURFACE_MM
 
 
 def _mm(point_m: Floats) -> str:
