@@ -8,6 +8,7 @@ UV ?= $(firstword $(wildcard $(BIN)/uv) uv)
 ARGS ?=
 MOMENTS ?= 50
 REQUESTS ?= 10000
+MESHES ?= 2000
 CLIENTS ?= 200
 SECONDS ?= 60
 JOBS ?= 2000
@@ -20,6 +21,9 @@ BUILD_REQUIRES = $(BIN)/python -c 'import tomllib; print(*tomllib.load(open("pyp
 COMPILE = env -u UV_INDEX -u UV_INDEX_URL -u UV_EXTRA_INDEX_URL -u UV_DEFAULT_INDEX -u UV_FIND_LINKS -u UV_CONFIG_FILE \
 	$(UV) pip compile --universal --python-version 3.11 --fork-strategy fewest --generate-hashes --no-config \
 	--no-emit-index-url --no-emit-find-links --custom-compile-command "make lock" --quiet
+
+# Hundreds of processes that would each compile the code again: tests keep bytecode whatever the environment says.
+test test-fast test-long test-python chaos verification: export PYTHONDONTWRITEBYTECODE :=
 
 .PHONY: help run env env-dev check test test-fast test-long test-python chaos docs verification golden models lock hooks image clean
 
@@ -57,8 +61,9 @@ test-python:  ## the fast tests on another Python, in an environment of its own 
 	@version="$$($(PYTHON) -c 'import sys; print("%d.%d" % sys.version_info[:2])')" && \
 	BOOTSTRAP_VENV=".venv-$$version" $(PYTHON) bootstrap.py --dev python -m pytest -m "not slow and not long" $(ARGS)
 
-chaos: env-dev  ## kill, flood and starve real servers; prints a table (MOMENTS=50 REQUESTS=10000 CLIENTS=200 SECONDS=60 JOBS=2000 SEED=1)
-	NEEDLEBENCH_CHAOS_MOMENTS=$(MOMENTS) NEEDLEBENCH_CHAOS_REQUESTS=$(REQUESTS) NEEDLEBENCH_CHAOS_CLIENTS=$(CLIENTS) \
+chaos: env-dev  ## kill, flood and starve real servers; prints a table (MOMENTS=50 REQUESTS=10000 MESHES=2000 CLIENTS=200 SECONDS=60 JOBS=2000 SEED=1)
+	NEEDLEBENCH_CHAOS_MOMENTS=$(MOMENTS) NEEDLEBENCH_CHAOS_REQUESTS=$(REQUESTS) NEEDLEBENCH_CHAOS_MESHES=$(MESHES) \
+	NEEDLEBENCH_CHAOS_CLIENTS=$(CLIENTS) \
 	NEEDLEBENCH_CHAOS_SECONDS=$(SECONDS) NEEDLEBENCH_CHAOS_JOBS=$(JOBS) NEEDLEBENCH_CHAOS_SEED=$(SEED) \
 	$(BIN)/python -m pytest tests/chaos tests/acceptance/test_disk.py tests/service/api/test_hostile.py $(ARGS)
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
+from benchmarks.performance.environments import environments
 from benchmarks.performance.kernels import micro
 from benchmarks.performance.recording_cost import recording
 from benchmarks.performance.scaling import scaling
@@ -42,6 +43,7 @@ BENCHMARKS = {
     "recording": Benchmark(recording, "a run with and without its recording"),
     "start-up": Benchmark(start, "process start to first step, warm and cold kernel cache"),
     "memory": Benchmark(memory, "peak memory of a process at 1,617 and 4,743 nodes"),
+    "envs": Benchmark(environments, "steps a second: an episode, one environment, two at once on two cores"),
     "profile": Benchmark(profile, "share of each stage of a step"),
     "convergence": Benchmark(convergence, "bands of the default: three meshes, three spacings", study=True),
     "work-precision": Benchmark(work_precision, "which mesh is worth its time: uniform, graded", study=True),

@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import sys
 from dataclasses import dataclass
-from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
@@ -22,10 +21,9 @@ from sklearn.preprocessing import StandardScaler
 
 import needlebench.gym
 from benchmarks.svg_plot import Line, Panel, svg
-from needlebench import Pose, Scenario, run
-from needlebench.gym.spaces import action_towards
+from needlebench import Scenario, run
+from needlebench.gym import actions_of
 from simcore.rotations import matrix_from_quaternion
-from simcore.scenario.build import robot_limits
 
 Values = NDArray[np.float64]
 
@@ -61,12 +59,11 @@ def features(base: Values, tip: Values, target: Values) -> Values:
 
 def demonstrations(scenario: Scenario) -> tuple[Values, Values]:
     """What I-FEM saw (n, 12), and the actions (n, 6) that it answered with."""
-    series, limits = run(scenario).series, robot_limits(scenario.robot)
+    rollout = run(scenario)
+    series = rollout.series
     base = np.hstack([series["base_position_m"], series["base_rotation"]])
-    poses = [Pose(row[:3], matrix_from_quaternion(row[3:])) for row in base]
-    moves = [action_towards(after, before, limits, scenario.dt_s) for before, after in pairwise(poses)]
     seen = features(base[:-1], series["tip_seen_m"][:-1], series["target_noisy_m"][:-1])
-    return seen, np.array(moves)
+    return seen, actions_of(rollout)
 
 
 def train(env: gymnasium.Env[Any, Any], seeds: range) -> Any:

@@ -22,7 +22,7 @@ from service.api.readiness import readings
 from service.api.root_path import RootPath
 from service.api.routes import campaigns, events, jobs, keys, models, operations, results, schedules, system, uploads
 from service.version import installed_version
-from service.web import assets, login, site, viewer
+from service.web import api_page, assets, login, side_by_side, site, viewer
 from service.web import campaigns as campaign_pages
 from service.web import jobs as job_pages
 from service.web import models as model_pages
@@ -37,7 +37,7 @@ DESCRIPTION = """Robotic needle insertions in deforming tissue, as jobs: submit 
 metrics, series and recording. Every error is `application/problem+json` (RFC 9457)."""
 
 ROUTES = (jobs, events, results, campaigns, schedules, models, uploads, keys, system, operations)
-PAGES = (login, job_pages, campaign_pages, schedule_pages, model_pages, viewer, assets)
+PAGES = (login, job_pages, side_by_side, api_page, campaign_pages, schedule_pages, model_pages, viewer, assets)
 
 
 def create_app(service: Service) -> FastAPI:

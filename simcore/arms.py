@@ -19,7 +19,12 @@ from simcore.plugins import code_of
 
 PLUGIN, REMOTE = "plugin", "remote"
 _REMOTE = ("clock", "look_ahead", "settings")  # what of a remote controller's block is not its connection
-CONDITIONS = ("delay_s",)  # fields of a controller's block that degrade whatever steers: no part of an arm
+CONDITIONS = (  # fields of a controller's block that act on whatever steers: no part of an arm
+    "delay_s",
+    "start_timeout_s",
+    "connect_timeout_s",
+    "step_timeout_s",
+)
 _CONTENT = {"model": "model_sha256", "poses_file": "poses_sha256"}  # fields that name a file -> its digest
 _LONGEST_NAME = 1000  # characters of a setting that may be the name of a file
 _LONGEST_VALUE = 24  # characters of a setting that are shown in a name

@@ -29,26 +29,38 @@ class Code:
 
 
 def code_of_entry_point(point: EntryPoint) -> Code:
-    """The code behind an entry point: the files that its distribution's RECORD lists, if its module is one of them,
-    else those of the module (as after `pip install --editable`). Nothing is imported."""
-    version = None if point.dist is None else point.dist.version
+    """The code behind an entry point. Nothing is imported."""
+    return Code(None if point.dist is None else point.dist.version, _digest(files_of_entry_point(point)))
+
+
+def files_of_entry_point(point: EntryPoint) -> list[tuple[str, Path]]:
+    """(name, file) of the code behind an entry point: what its distribution's RECORD lists, if its module is there,
+    else the files of the module (as after `pip install --editable`). Nothing is imported."""
     local = dict(module_files(point.module))
     installed = {} if point.dist is None else dict(_recorded_files(point.dist))
-    files = installed if set(local.values()) & set(installed.values()) else local
-    return Code(version, _digest(files.items()))
+    return list((installed if set(local.values()) & set(installed.values()) else local).items())
 
 
 def code_of_factory(factory: Any) -> Code:
-    """The code of what a program registers: the files of the module that defines it."""
+    """The code of what a program registers."""
+    return Code(None, _digest(files_of_factory(factory)))
+
+
+def files_of_factory(factory: Any) -> list[tuple[str, Path]]:
+    """(name, file) of the module that defines what a program registers."""
     while isinstance(factory, functools.partial):
         factory = factory.func
     name = getattr(factory, "__module__", None) or type(factory).__module__
     if name == "__main__":
         script = getattr(sys.modules.get(name), "__file__", None)
-        files = _with_siblings(Path(script)) if script else iter(())
-    else:
-        files = module_files(name)
-    return Code(None, _digest(files))
+        return list(_with_siblings(Path(script))) if script else []
+    return list(module_files(name))
+
+
+def files_at(place: Path) -> list[tuple[str, Path]]:
+    """(name, file) of the code at a place, as the digests count it: a module with those beside it that it imports, or
+    the folder of a package."""
+    return list(_of_package(place.resolve()) if place.is_dir() else _with_siblings(place))
 
 
 def module_files(module: str) -> Iterator[tuple[str, Path]]:
@@ -65,10 +77,14 @@ def module_files(module: str) -> Iterator[tuple[str, Path]]:
             yield from _with_siblings(Path(spec.origin))
         return
     for folder in map(Path, spec.submodule_search_locations):
-        for file in folder.rglob("*"):
-            place = file.relative_to(folder)
-            if file.is_file() and not _is_byproduct(place):
-                yield f"{spec.name}/{place.as_posix()}", file.resolve()
+        yield from _of_package(folder, spec.name)
+
+
+def _of_package(folder: Path, name: str | None = None) -> Iterator[tuple[str, Path]]:
+    for file in folder.rglob("*"):
+        place = file.relative_to(folder)
+        if file.is_file() and not _is_byproduct(place):
+            yield f"{name or folder.name}/{place.as_posix()}", file.resolve()
 
 
 def _is_byproduct(place: Path) -> bool:
@@ -108,12 +124,17 @@ def _imported(file: Path) -> set[str]:
 
 
 def _digest(files: Iterable[tuple[str, Path]]) -> str | None:
-    known = sorted(files)
+    return digest_of_files((name, file_sha256(file)) for name, file in sorted(files))
+
+
+def digest_of_files(digests: Iterable[tuple[str, str]]) -> str | None:
+    """The digest of code from (name, SHA-256) of each file; None without one."""
+    known = sorted(digests)
     if not known:
         return None
     hashed = hashlib.sha256()
-    for name, file in known:
-        hashed.update(f"{name}\0{file_sha256(file)}\n".encode())
+    for name, sha256 in known:
+        hashed.update(f"{name}\0{sha256}\n".encode())
     return hashed.hexdigest()
 
 

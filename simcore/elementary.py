@@ -80,7 +80,7 @@ def arc_tangent(y: float, x: float) -> float:
 def exponential(x: Floats) -> Floats:
     """e^x of every number; as large as it can be above 709.78, 0 far below."""
     x = np.clip(x, -746.0, 709.78)
-    power = np.rint(np.where(np.isnan(x), 0.0, x) * 1.44269504088896338700)
+    power = np.rint(x * 1.44269504088896338700)
     high, low = x - power * LN2[0], power * LN2[1]
     r = high - low
     z = r * r
@@ -93,7 +93,7 @@ def exponential(x: Floats) -> Floats:
         )
     )
     near: Floats = 1.0 - ((low - (r * c) / (2.0 - c)) - high)
-    found: Floats = np.ldexp(near, power.astype(np.int64))
+    found: Floats = np.ldexp(near, np.where(np.isnan(power), 0.0, power).astype(np.int64))
     return found
 
 

@@ -77,8 +77,8 @@ STATUSES = {
     "target was lost, or the base came beside the tissue",
     Status.SHAFT_BESIDE: "the base or the free shaft came beside the tissue or into it, more than 1 mm deeper than "
     "where the shaft enters: contact is modelled at the channel alone",
-    Status.CONTROLLER_FAILED: "the controller raised, a remote one did not answer in time, or a command was no finite "
-    "pose within 10 m of the base; the message names controller, step and value",
+    Status.CONTROLLER_FAILED: "the controller raised or did not answer in time, or a command was no finite pose "
+    "within 10 m of the base; the message names controller, step and value",
 }
 
 

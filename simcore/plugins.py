@@ -4,12 +4,22 @@ from __future__ import annotations
 
 import importlib
 import importlib.util
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from importlib.metadata import EntryPoint, entry_points
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
-from simcore.controller_code import Code, code_of_entry_point, code_of_factory
+from simcore.controller_code import (
+    Code,
+    code_of_entry_point,
+    code_of_factory,
+    files_of_entry_point,
+    files_of_factory,
+)
 from simcore.errors import ControllerError
+
+if TYPE_CHECKING:
+    from pathlib import Path
 
 GROUP = "needlebench.controllers"
 Factory = Callable[..., Any]  # (scenario, entry_m, needle_length_m, settings) -> controller
@@ -32,6 +42,21 @@ def register_controller(name: str, factory: Factory) -> None:
     """
     _registered[name] = factory
     _loaded[name] = code_of_factory(factory)
+
+
+@contextmanager
+def registered(name: str, factory: Factory, code: Code) -> Iterator[None]:
+    """While it is open, a controller is known as by `register_controller`, with code that is known already."""
+    before = _registered.get(name), _loaded.get(name)
+    _registered[name], _loaded[name] = factory, code
+    try:
+        yield
+    finally:
+        del _registered[name], _loaded[name]
+        if before[0] is not None:
+            _registered[name] = before[0]
+        if before[1] is not None:
+            _loaded[name] = before[1]
 
 
 def installed() -> list[str]:
@@ -72,6 +97,15 @@ def code_of(name: str) -> Code:
     if name in _loaded:
         return _loaded[name]
     return code_of_factory(_registered[name]) if name in _registered else code_of_entry_point(_entry_point(name))
+
+
+def source_of(name: str) -> tuple[str | None, list[tuple[str, Path]]]:
+    """(entry point as `module:name`, (name, file) of each file of the code) of a controller as it is now; None in place
+    of the entry point of one that a program has registered. Raises LookupError for an unknown one."""
+    if name in _registered:
+        return None, files_of_factory(_registered[name])
+    point = _entry_point(name)
+    return point.value, files_of_entry_point(point)
 
 
 def factory_of(name: str) -> Factory:

@@ -32,7 +32,7 @@ SWAPPED = {  # operator -> what stands in its place
 }  # fmt: skip
 NEAREST = {  # module -> tests that stand beside it
     "simcore/metrics.py": "tests/simcore/test_metrics.py",
-    "simcore/trajectory/path.py": "tests/simcore/test_trajectory.py",
+    "simcore/trajectory/path.py": "tests/simcore/test_trajectory.py tests/simcore/test_curves.py",
     "simcore/robot.py": "tests/simcore/test_robot.py",
     "simcore/controllers/ifem.py": "tests/simcore/controllers",
     "simcore/controllers/remote_centre.py": "tests/simcore/controllers",
@@ -49,6 +49,7 @@ NEAREST = {  # module -> tests that stand beside it
     "service/engine/retention.py": "tests/service/engine",
     "service/engine/attempt_watch.py": "tests/service/engine/test_attempt_watch.py",
     "service/admission/cost.py": "tests/service/admission",
+    "service/admission/pace.py": "tests/service/admission/test_pace.py",
     "service/api/middleware/rate_limit.py": "tests/service/store/test_keys.py tests/service/api",
     "service/recording/plots.py": "tests/service/recording",
 }

@@ -29,7 +29,7 @@ def html(report: Json) -> str:
         repeats=next((len(field["values"]) for field in report["fields"] if field["repeats"]), 1),
         best=_best(report["points"]),
         groups=[(group, [s for s in report["scores"] if s["group"] == group]) for group in groups],
-        profile=pictures(_profile(report["profiles"]), name="p", about="Share of cases.", width=640, height=340),
+        profile=pictures(profile_panels(report["profiles"]), name="p", about="Share of cases.", width=640, height=340),
         effects=[_effect(effect, f"e{i}-", names) for i, effect in enumerate(report["effects"])],
         names=names,
         references=REFERENCES,
@@ -46,7 +46,7 @@ def _best(points: list[Json]) -> Json | None:
     return min(known, key=lambda point: float(point["median_mm"])) if len(points) > 1 and known else None
 
 
-def _profile(profiles: Json | None) -> list[Panel]:
+def profile_panels(profiles: Json | None) -> list[Panel]:
     """The share of cases within each error, a line for each arm, its interval as a shadow."""
     if profiles is None or not profiles["levels_mm"]:
         return []

@@ -49,13 +49,13 @@ class Profiles:
     aggregates: tuple[Aggregate, ...]
 
 
-def profiles(table: Sequence[Row]) -> Profiles | None:
-    """Of two arms or more; None without cases that all of them ran."""
+def profiles(table: Sequence[Row], *, fewest_arms: int = 2) -> Profiles | None:
+    """Of so many arms or more; None without cases that all of them ran."""
     names = arms(table)
     errors = {arm: _by_place(only(table, arm=arm)) for arm in names}
     places = {place for known in errors.values() for place in known}
     shared = sorted(places.intersection(*errors.values())) if errors else []
-    if len(names) < 2 or len(shared) < FEWEST:
+    if len(names) < fewest_arms or len(shared) < FEWEST:
         return None
     kinds = {row.place: row.group for row in table}
     strata = [np.flatnonzero([kinds[place] == kind for place in shared]) for kind in sorted(set(kinds.values()))]

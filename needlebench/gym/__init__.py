@@ -17,11 +17,12 @@ try:
 except ModuleNotFoundError as error:
     raise ModuleNotFoundError('needlebench.gym needs gymnasium: pip install "needlebench[gym]"') from error
 
+from needlebench.gym.demonstrations import actions_of
 from needlebench.gym.env import NeedleEnv
 from needlebench.gym.tasks import TASKS
 from needlebench.gym.wrappers import AbsolutePose, ThroughEntry
 
-__all__ = ["IDS", "AbsolutePose", "NeedleEnv", "ThroughEntry"]
+__all__ = ["IDS", "AbsolutePose", "NeedleEnv", "ThroughEntry", "actions_of"]
 
 IDS = tuple(f"needlebench/{name}-v0" for name in TASKS)
 

@@ -14,7 +14,7 @@ import numpy as np
 from needlebench.gym import spaces
 from needlebench.gym.picture import picture
 from needlebench.gym.tasks import DEPTH_MM, TASKS
-from simcore.episode import CommandError, Episode
+from simcore.episode import Episode
 from simcore.errors import Status
 from simcore.rollout.recorder import Recorder
 from simcore.rollout.records import Observer, Silent, StepTiming
@@ -36,6 +36,17 @@ if TYPE_CHECKING:
 RCM_WEIGHT, FORCE_WEIGHT = 0.1, 0.1  # of a mm of remote-centre error and of a N of push, beside a mm of tip error
 FAILURE, SUCCESS = -100.0, 10.0
 PLANT = ("dt_s", "tissue", "needle", "interaction", "motion", "solver")  # with the entry: what an insertion is made of
+
+
+def checked_action(action: Any, shape: tuple[int, ...], episode: Episode) -> NDArray[np.float64]:
+    """The action as floats. Raises ValueError for one of another shape, or of no numbers."""
+    try:
+        given = np.asarray(action, float)
+    except (TypeError, ValueError):
+        raise ValueError(f"step {episode.step_number}: the action is {action!r:.80}, no array of numbers") from None
+    if given.shape != shape:
+        raise ValueError(f"step {episode.step_number}: the action has the shape {given.shape}, not {shape}")
+    return given
 
 
 class NeedleEnv(gymnasium.Env[Any, Any]):
@@ -73,6 +84,7 @@ class NeedleEnv(gymnasium.Env[Any, Any]):
         self.render_mode, self.folder, self.depth_mm = render_mode, folder, depth_mm
         self.action_space = spaces.action_space()
         self.observation_space: Any = spaces.observation_space(look_ahead, privileged=privileged)
+        self.refusal: str | None = None  # why the coming action cannot be executed: of a wrapper that made it
         self.rollout: Rollout | None = None  # of the last episode that ended
         self.recording: Path | None = None  # of the last episode, with render_mode = rerun
         self._plants: tuple[dict[str, Any], Insertion, Kept] | None = None
@@ -98,29 +110,33 @@ class NeedleEnv(gymnasium.Env[Any, Any]):
         self._episode = Episode(scenario, insertion=self._insertion(scenario))
         self.recorder = Recorder(self._episode, self._observer())
         self.record: StepRecord = self.recorder.first
-        self.rollout = None
+        self.rollout = self.refusal = None
         return self._seen(), {"scenario": scenario.resolved()}
 
     def step(self, action: Any) -> tuple[Seen, float, bool, bool, dict[str, Any]]:
         """One step of the scenario's dt. terminated: the run ended by a named failure; truncated: at the end of its
         path or time. An action that is not finite is such a failure. Raises ValueError for one of another shape."""
-        given = np.asarray(action, float)
-        if given.shape != (6,):
-            raise ValueError(f"step {self.episode.step_number}: the action has the shape {given.shape}, not (6,)")
-        episode = self.episode
-        pose = spaces.pose_of(np.clip(given, -1.0, 1.0), episode.state.base, episode.limits, episode.scenario.dt_s)
-        made = episode.step_number
-        try:
-            seen, _ = episode.step(pose)
-        except CommandError:
-            episode.end(Status.CONTROLLER_FAILED, f"the action is {given.tolist()}, values that are not finite")
-        if episode.step_number > made:
-            self.record = self.recorder.add(pose, seen, StepTiming(episode.plant_s, 0.0, 0.0))
+        given = checked_action(action, (6,), self.episode)
+        episode, refusal, self.refusal = self.episode, self.refusal, None
+        if refusal is None and not np.isfinite(given).all():
+            refusal = f"the action is {given.tolist()}, values that are not finite"
+        if refusal is None or episode.done:
+            self._advance(np.clip(given, -1.0, 1.0))
+        else:
+            episode.end(Status.CONTROLLER_FAILED, refusal)
         failed = episode.status is not Status.COMPLETED
         info: dict[str, Any] = self._end() if episode.done else {"is_success": False}
         terms = self._reward_terms(failed=failed, success=info["is_success"])
         info["reward_terms"] = terms
         return self._seen(), sum(terms.values()), failed, episode.done and not failed, info
+
+    def _advance(self, action: NDArray[np.float64]) -> None:
+        """Step, and keep a record of it. Raises EpisodeOverError after the end."""
+        episode, made = self.episode, self.episode.step_number
+        pose = spaces.pose_of(action, episode.state.base, episode.limits, episode.scenario.dt_s)
+        seen, _ = episode.step(pose)
+        if episode.step_number > made:
+            self.record = self.recorder.add(pose, seen, StepTiming(episode.plant_s, 0.0, 0.0))
 
     def render(self) -> Any:
         """With rgb_array a picture (480, 480, 3); with rerun nothing: see `recording`."""

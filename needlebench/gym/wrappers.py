@@ -8,9 +8,10 @@ import gymnasium
 import numpy as np
 from gymnasium import spaces
 
-from needlebench.gym.env import NeedleEnv
+from needlebench.gym.env import NeedleEnv, checked_action
 from needlebench.gym.spaces import FARTHEST_M, action_towards
 from simcore.controllers.remote_centre import pose_through
+from simcore.episode.command import CommandError, checked_command
 from simcore.insertion.state import Pose
 from simcore.rotations import matrix_from_quaternion
 
@@ -37,13 +38,21 @@ class _Commanding(gymnasium.ActionWrapper[dict[str, "Singles"], Any, Any]):
         raise NotImplementedError
 
     def action(self, action: Any) -> Singles:
-        """The environment's action towards that pose. NaN stays NaN, and ends the episode by name."""
-        episode = self.needle_env.episode
+        """The environment's action towards that pose. What is not finite or no pose within reach of the base ends the
+        episode by name. Raises ValueError for an action of another shape."""
+        env = self.needle_env
+        episode = env.episode
         base = episode.state.base
-        wanted = np.asarray(action, float)
+        wanted = checked_action(action, self.action_space.shape or (), episode)
         if not np.isfinite(wanted).all():
+            env.refusal = f"the action is {wanted.tolist()}, values that are not finite"
             return np.full(6, np.nan, np.float32)
-        return action_towards(self.pose(wanted, base), base, episode.limits, episode.scenario.dt_s)
+        try:
+            pose = checked_command(self.pose(wanted, base), base, episode.step_number)
+        except CommandError as error:
+            env.refusal = f"the action is {error.problem}"
+            return np.full(6, np.nan, np.float32)
+        return action_towards(pose, base, episode.limits, episode.scenario.dt_s)
 
 
 class ThroughEntry(_Commanding):

@@ -8,9 +8,9 @@ from typing import TYPE_CHECKING, Annotated, Any
 from pydantic import BaseModel, ConfigDict, Field, StringConstraints, model_validator
 
 from benchmarks.grid.suite import grid
-from benchmarks.paper.suites import suite
+from benchmarks.suites.catalogue import suite
 from service.admission.admission import checked_apart, names_mesh
-from service.admission.cost import TYPICAL_STEP_S, Cost, check_cost, time_limit_s
+from service.admission.cost import Cost, check_cost, time_limit_s
 from service.files.upload_names import UploadLookup
 from service.store.campaign import CampaignPlan, PlannedJob
 from service.store.job import TIME_LIMIT, Label, TimeLimit, content_hash
@@ -111,11 +111,6 @@ def planned(request: CampaignRequest, uploads: Path, limits: Limits) -> Campaign
     return replace(plan, uploads=tuple(sorted(lookup.used)))
 
 
-def estimated_time_s(plan: CampaignPlan, *, step_s: float | None, workers: int) -> float:
-    """Wall time of a campaign if nothing else runs. step_s: recent time of a step, None before the first job."""
-    return sum(job.steps for job in plan.jobs) * (step_s or TYPICAL_STEP_S) / workers
-
-
 def _plan(request: CampaignRequest, limits: Limits) -> CampaignPlan:
     cases = suite_of(request)
     if not cases.cases:
@@ -129,6 +124,7 @@ def _plan(request: CampaignRequest, limits: Limits) -> CampaignPlan:
         suite_sha256=cases.sha256,
         priority=request.priority,
         timeout_s=time_limit_s(request.timeout_s, *costs),
+        cost_s=sum(cost.time_s for cost in costs),
         jobs=jobs,
     )
 

@@ -21,7 +21,6 @@ if TYPE_CHECKING:
     from simcore.scenario.blocks import Tissue
     from simcore.scenario.scenario import Scenario
 
-TYPICAL_STEP_S = 3e-3  # of a step, where no job has been measured yet
 BASE_MB = 400.0  # Python with every library of a job, Rerun too
 STEP_MS, MS_PER_NODE, MS_PER_ENTRY = 1.0, 1.0e-3, 3.0e-6  # entry: one of the factor's band
 EXACT_STEPS, PERTURBATION_STEPS = 12.0, 11.0  # a Jacobian of this kind takes as long as so many steps

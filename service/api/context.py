@@ -11,6 +11,7 @@ from fastapi import Depends, Request
 
 from service.access import ADMIN
 from service.admission.campaign_planner import Planner
+from service.admission.pace import PaceMeter
 from service.api.event_hub import EventHub
 from service.api.job_view_cache import JobViewCache
 from service.api.openapi import SCOPE_FIELD
@@ -48,6 +49,7 @@ class Service:
     schedules: ScheduleStore
     keeper: Keeper
     planner: Planner
+    pace: PaceMeter
     events: EventHub
 
     @classmethod
@@ -84,6 +86,7 @@ class Service:
             schedules=schedules,
             keeper=keeper,
             planner=planner,
+            pace=PaceMeter(store),
             events=EventHub(store, changes),
         )
 

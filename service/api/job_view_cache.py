@@ -12,6 +12,7 @@ from service.store.job import Job
 from service.store.job_queries import JobQueries
 
 _MOST = 500  # jobs in memory, about 6 kB each
+_LONGEST = 50_000  # bytes of JSON of one that is kept: a scenario with its poses inline has up to a megabyte
 
 
 @dataclass(frozen=True, slots=True)
@@ -50,7 +51,7 @@ class JobViewCache:
         before = self._changes
         status = EncodedJob.of(self._store.get(job_id))
         with self._lock:
-            if self._changes == before:  # else what was read may be out of date
+            if self._changes == before and len(status.body) <= _LONGEST:  # else what was read may be out of date
                 self._known[job_id] = status
                 if len(self._known) > self._most:
                     del self._known[next(iter(self._known))]

@@ -15,10 +15,7 @@ from service.api.problems import HttpError, problem_response
 from service.files.intact import IntactFiles
 
 _INTACT = IntactFiles()
-
-
-_RANGES = re.compile(r"bytes=[ \t]*(?:(?:[0-9]+-[0-9]*|-[0-9]+)?[ \t]*(?:,[ \t]*|$))+", re.ASCII | re.IGNORECASE)
-
+_RANGE = re.compile(r"(?:[0-9]+-[0-9]*|-[0-9]+)?", re.ASCII)
 _NO_RANGE = "the Range header is not a range of bytes, as in bytes=0-99"
 
 
@@ -29,13 +26,19 @@ class _WholeOrRange(FileResponse):
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
         asked = Headers(scope=scope).get("range")
         if asked is not None and asked.partition("=")[0].strip().lower() == "bytes":
-            if _RANGES.fullmatch(asked) is None:
+            if not _is_ranges(asked):
                 await problem_response(400, _NO_RANGE, instance=scope["path"])(scope, receive, send)
                 return
         elif asked is not None:
             kept = [(name, value) for name, value in scope["headers"] if name != b"range"]
             scope = {**scope, "headers": kept}
         await super().__call__(scope, receive, send)
+
+
+def _is_ranges(header: str) -> bool:
+    """Whether a Range header is `bytes=` and a list of ranges, of which some may be empty."""
+    unit, _, ranges = header.partition("=")
+    return unit.lower() == "bytes" and all(_RANGE.fullmatch(one.strip(" \t")) for one in ranges.split(","))
 
 
 def served_file(

@@ -43,7 +43,7 @@ def overview(campaigns: CampaignStore, campaign: Campaign, *, now: float) -> Cam
 
 def overviews(campaigns: CampaignStore, chosen: Sequence[Campaign], *, now: float) -> list[CampaignOverview]:
     """Campaigns in the given order, with their progress."""
-    tallies = campaigns.tally([campaign.id for campaign in chosen])
+    tallies = campaigns.tally(chosen)
     return [CampaignOverview(campaign=campaign, tally=tallies[campaign.id], now=now) for campaign in chosen]
 
 

@@ -54,7 +54,7 @@ def _field(part: str, text: str) -> tuple[str, Any]:
 def check_request(request: dict[str, Any]) -> None:
     """What can be said before a service is started for it: names of suites, and each value of each axis once, with the
     first values of the others. Raises ScenarioError. What names an upload is left to the service."""
-    from benchmarks.paper.suites import suite_names
+    from benchmarks.suites.catalogue import suite_names
     from simcore.scenario.presets import with_changes
     from simcore.scenario.scenario import Scenario
     from simcore.scenario.suggestions import did_you_mean

@@ -28,7 +28,9 @@ BESIDE_HEAD = "".join(f"{heading:>11}" for heading, _ in BESIDE.values())
 
 def print_plan(plan: dict[str, Any]) -> None:
     """The result of a dry run."""
-    click.echo(f"{plan['suite']}: {plan['jobs']} insertions, {plan['steps']} steps, about {_minutes(plan['seconds'])}")
+    band = f"{_minutes(plan['seconds_low'])} to {_minutes(plan['seconds_high'])}"
+    time = f"about {_minutes(plan['seconds'])} ({band})"
+    click.echo(f"{plan['suite']}: {plan['jobs']} insertions, {plan['steps']} steps, {time}")
     click.echo(f"sha256 {plan['suite_sha256']}")
     more = ", ..." if plan["jobs"] > len(plan["first"]) else ""
     click.echo(f"cases: {', '.join(plan['first'])}{more}")

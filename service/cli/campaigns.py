@@ -79,7 +79,7 @@ def suites(url: str | None) -> None:
         with service_client(url) as client:
             titles = client.suites()
     else:
-        from benchmarks.paper.suites import suite_names
+        from benchmarks.suites.catalogue import suite_names
 
         titles = suite_names()
     for name, title in titles.items():

@@ -3,137 +3,22 @@
 from __future__ import annotations
 
 import importlib.util
-import shutil
-import sys
-import tempfile
-from contextlib import ExitStack, closing
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import click
 
 from service.blas_threads import one_thread
+from service.cli.results.output_file import free_to_write
 from simcore.errors import Problem, ScenarioError
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator, Sequence
-
-    from benchmarks.cases import Case
-    from benchmarks.learning.training_insertions import Insertion
-    from service.local.dataset_runs import InsertionCache
     from simcore.learning import Regressor
     from simcore.rollout.dataset import Dataset
 
 FILE = click.Path(dir_okay=False, path_type=Path)
 EXAMPLES = {"controller": "controller.txt", "remote": "remote.txt", "remote-cpp": "remote_cpp.txt", "mesh": "mesh.msh"}
 SCHEMA, LOOKS_AHEAD = "remote-schema", "mpc"
-
-
-def free_to_write(path: Path, *, force: bool) -> None:
-    """Raises ScenarioError before the work, and not after it."""
-    if path.exists() and not force:
-        raise ScenarioError([Problem("--out", str(path), "exists; use --force to replace it")])
-    try:
-        path.parent.mkdir(parents=True, exist_ok=True)
-        with tempfile.TemporaryFile(dir=path.parent):
-            pass
-    except OSError as error:
-        raise ScenarioError([Problem("--out", str(path), f"cannot be written: {error.strerror}")]) from None
-
-
-@click.command()
-@click.option("--out", "path", metavar="FILE.npz", required=True, type=FILE, help="The data set.")
-@click.option(
-    "--insertions",
-    type=click.IntRange(2, 105),
-    default=105,
-    show_default=True,
-    help="How many of the grid's 105 points; fewer, spread over the grid, for a quick look.",
-)
-@click.option("--samples", type=click.IntRange(10), default=10_000, show_default=True, help="Rows that are drawn.")
-@click.option("--seed", type=click.IntRange(0, 10**9), default=0, show_default=True, help="Of noise, draw and splits.")
-@click.option("--workers", type=click.IntRange(1, 64), default=2, show_default=True, help="Processes, one thread each.")
-@click.option(
-    "--set", "changes", metavar="PATH=VALUE", multiple=True, help="Change one field of all insertions. Repeatable."
-)
-@click.option("--force", is_flag=True, help="Replace the file.")
-def dataset(
-    path: Path, insertions: int, samples: int, seed: int, workers: int, changes: tuple[str, ...], force: bool
-) -> None:
-    """Run the paper's training insertions and write every step of them into FILE.npz.
-
-    Straight I-FEM insertions to a 7 x 15 grid on z = 122 mm, with target noise of +-0.25 mm. The file holds the
-    variables of the paper's table I (simcore/rollout/dataset.py), the drawn rows, a 90/10 split by sample and one by
-    trajectory, and where it all comes from.
-
-    \b
-    All of it:            needlebench dataset --out out/data.npz
-    A quick look:         needlebench dataset --out out/few.npz --insertions 10
-    At another time step: needlebench dataset --out out/data.npz --set dt_s=0.005
-
-    Ctrl-C at any time: finished insertions stay in FILE.npz.parts until the file is complete, and the same command
-    goes on from there.
-    """
-    one_thread()
-    from benchmarks.learning.training_insertions import collect_dataset, training_insertions
-    from service.local.dataset_runs import InsertionCache
-    from simcore.rollout.dataset import save_dataset
-    from simcore.scenario.presets import with_changes
-
-    free_to_write(path, force=force)
-    chosen = training_insertions(insertions=insertions, seed=seed, changes=with_changes({}, list(changes)))
-    cache = InsertionCache(path.with_name(f"{path.name}.parts"))
-    data = collect_dataset(chosen, lambda these: _with_bar(these, workers, cache), samples=samples, seed=seed)
-    save_dataset(data, path)
-    shutil.rmtree(cache.folder, ignore_errors=True)
-    failed = [i["id"] for i in data.provenance["insertions"] if i["status"] != "completed"]
-    if failed:
-        click.echo(f"needlebench: warning: did not complete: {', '.join(failed)}", err=True)
-    rows, drawn = len(data.trajectory), len(data.drawn)
-    click.echo(f"{path}: {len(chosen)} insertions, {rows} steps, {drawn} drawn (seed {seed})")
-    if drawn < samples:
-        click.echo(f"needlebench: warning: {samples} samples were asked for, there are {drawn} steps", err=True)
-
-
-def _with_bar(cases: Sequence[Case], workers: int, cache: InsertionCache) -> Iterator[Insertion]:
-    """The insertions as they are finished, with a bar on a terminal, else with lines."""
-    from service.local.dataset_runs import insertions
-
-    with ExitStack() as stack:
-        tick = stack.enter_context(_Bar(len(cases)))
-        for done in stack.enter_context(closing(insertions(cases, workers=workers, cache=cache))):
-            tick.advance()
-            yield done
-
-
-class _Bar:
-    """How many are done and when all will be."""
-
-    def __init__(self, total: int) -> None:
-        self._total, self._done = total, 0
-        self._progress: Any = None
-
-    def __enter__(self) -> _Bar:
-        if sys.stderr.isatty():
-            from rich.console import Console
-            from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
-
-            columns = (TextColumn("insertions"), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn())
-            self._progress = Progress(*columns, console=Console(stderr=True), transient=True)
-            self._progress.start()
-            self._task = self._progress.add_task("insertions", total=self._total)
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        if self._progress is not None:
-            self._progress.stop()
-
-    def advance(self) -> None:
-        self._done += 1
-        if self._progress is not None:
-            self._progress.advance(self._task)
-        elif self._done % 10 == 0 or self._done == self._total:
-            click.echo(f"{self._done} of {self._total} insertions", err=True)
 
 
 @click.command()

@@ -78,7 +78,7 @@ def fetch(model: str, path: Path, force: bool, url: str | None) -> None:
     From another machine:     needlebench models fetch ID --out elm.json --url http://lab:8321
     And use it:               needlebench run sine --set controller.kind=elm --set controller.model=elm.json
     """
-    from service.cli.learning import free_to_write
+    from service.cli.results.output_file import free_to_write
 
     free_to_write(path, force=force)
     with service_client(url) as client:

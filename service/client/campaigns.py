@@ -97,6 +97,17 @@ class CampaignCalls(Connection):
         """Delete a campaign that has ended, with its jobs and their files."""
         self._request("DELETE", f"/api/v1/campaigns/{part(campaign_id)}")
 
+    def campaign_cases(self, campaign_id: str) -> Iterator[dict[str, Any]]:
+        """Its insertions in the order of the suite, page by page: case, labels, job (None once deleted), outcome."""
+        cursor = None
+        while True:
+            params: dict[str, str] = {} if cursor is None else {"cursor": cursor}
+            page = self._json("GET", f"/api/v1/campaigns/{part(campaign_id)}/jobs", params=params)
+            yield from page["items"]
+            cursor = page["next_cursor"]
+            if cursor is None:
+                return
+
     def campaign_results(self, campaign_id: str) -> dict[str, Any]:
         """Scores and tests over the insertions that have ended."""
         return dict(self._json("GET", f"/api/v1/campaigns/{part(campaign_id)}/results"))

@@ -14,8 +14,11 @@ from simcore.errors import NeedlebenchError, Problem, ScenarioError
 from simcore.remote.link import is_loopback
 
 if TYPE_CHECKING:
+    from collections.abc import Iterator
     from pathlib import Path
     from types import TracebackType
+
+_PAGE = 1000  # items of a list that are fetched at once
 
 
 class ServiceError(NeedlebenchError):
@@ -81,6 +84,16 @@ class Connection:
             raise ServiceError(
                 answer.status_code, f"what answers at {self.url} is not a needlebench service", []
             ) from None
+
+    def _items(self, path: str) -> Iterator[dict[str, Any]]:
+        """The items of a list, page by page to its end."""
+        cursor: dict[str, str] = {}
+        while True:
+            page = self._json("GET", path, params={"limit": _PAGE, **cursor})
+            yield from page["items"]
+            if page["next_cursor"] is None:
+                return
+            cursor = {"cursor": page["next_cursor"]}
 
     def _request(self, method: str, path: str, **options: Any) -> httpx2.Response:
         try:

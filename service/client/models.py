@@ -43,7 +43,7 @@ class ModelCalls(Connection):
 
     def models(self) -> list[ModelInfo]:
         """Those that were trained or uploaded, newest first, then the bundled ones."""
-        return [ModelInfo.of(raw) for raw in self._json("GET", "/api/v1/models", params={"limit": 1000})["items"]]
+        return list(map(ModelInfo.of, self._items("/api/v1/models")))
 
     def model(self, model_id: str) -> ModelInfo:
         """One model; `raw` has its settings, its provenance and the last jobs that steer by it."""

@@ -41,7 +41,7 @@ class UploadCalls(Connection):
 
     def uploads(self) -> list[UploadedFile]:
         """All uploads, newest first."""
-        return [UploadedFile.of(raw) for raw in self._json("GET", "/api/v1/uploads", params={"limit": 1000})["items"]]
+        return list(map(UploadedFile.of, self._items("/api/v1/uploads")))
 
     def delete_upload(self, upload_id: str) -> None:
         """Delete an upload that is not pinned and that no queued or running job uses."""

@@ -35,6 +35,18 @@ def outcome_of(job: Job, report: AttemptReport, progress: dict[str, Any] | None)
     )
 
 
+def last_report(job: Job, progress: dict[str, Any] | None) -> str:
+    """How far an insertion was when it last said so, and what steers it, as "; its last report was step 3 of 50,
+    controller 'pi'"; empty for a training and before the first report."""
+    scenario = (job.spec or {}).get("scenario")
+    step, steps = ((progress or {}).get(name) for name in ("step", "steps"))
+    if not isinstance(scenario, dict) or not (isinstance(step, int) and isinstance(steps, int)):
+        return ""
+    controller = scenario.get("controller") or {}
+    name = controller.get("name") or controller.get("kind") or "ifem"
+    return f"; its last report was step {step} of {steps}, controller {name!r}"
+
+
 def artefacts_of(job: Job, described: Iterable[dict[str, Any]]) -> tuple[Artefact, ...]:
     """The files of the current attempt, from kind, name, SHA-256 and size of each."""
     return tuple(Artefact(**file, path=f"{job.folder}/{file['name']}") for file in described)

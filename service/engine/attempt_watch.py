@@ -63,12 +63,13 @@ class AttemptWatch:
         self._beat_s = now_s
         return True
 
-    def ending(self, now_s: float, *, cancelled: bool, held_mb: float | None) -> Ending | None:
-        """Why it must end now; None when it may go on. held_mb: of its worker, None where the system does not say."""
+    def ending(self, now_s: float, *, cancelled: bool, held_mb: float | None, where: str = "") -> Ending | None:
+        """Why it must end now; None when it may go on. held_mb: of its worker, None where the system does not say.
+        where: how far it was, for the message."""
         if cancelled:
             return Ending(CANCELLED)
         if now_s - self.begun_s > self.timeout_s:
-            return Ending(TIMED_OUT, "timed_out", f"it did not end within timeout_s = {self.timeout_s:g}")
+            return Ending(TIMED_OUT, "timed_out", f"it did not end within timeout_s = {self.timeout_s:g}{where}")
         if held_mb is not None and held_mb > self.memory_mb:
             return Ending(FAILED, "out_of_memory", f"it held {held_mb:.0f} MB, at most {self.memory_mb} are allowed")
         return None

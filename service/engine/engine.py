@@ -6,6 +6,7 @@ import logging
 import threading
 from typing import TYPE_CHECKING
 
+from service.engine.attempt_trace import kept_course
 from service.engine.slot import Signals, Slot
 from service.engine.watchdog import Watchdog
 
@@ -24,7 +25,7 @@ class Engine:
     """The slots of one data folder. `start` and `stop` once; `wake` when there is something new to do."""
 
     def __init__(self, settings: Settings, store: Store, monitor: Monitor, uploads: Uploads) -> None:
-        self._store = store
+        self._store, self._data = store, settings.data
         self._stopping = threading.Event()
         self._draining = threading.Event()
         self._news = threading.Condition()
@@ -65,8 +66,9 @@ class Engine:
         return sum(slot.job_id is not None for slot in self._slots)
 
     def trace(self, job: Job) -> tuple[Point, ...]:
-        """The way of a running attempt so far; empty for any other."""
-        return next((points for slot in self._slots if (points := slot.trace.points_of(job))), ())
+        """The way of a running attempt so far, or of one that ended early; empty where nothing is known of it."""
+        running = next((points for slot in self._slots if (points := slot.trace.points_of(job))), ())
+        return running if running or not job.terminal else kept_course(self._data / job.folder)
 
     def begin_to_stop(self) -> None:
         """Running jobs go back into the queue, without a crash counted against them, and the workers end; all slots at

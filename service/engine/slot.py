@@ -10,14 +10,14 @@ from contextlib import suppress
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
-from service.engine.attempt_end import artefacts_of, named, outcome_of, spec_of
+from service.engine.attempt_end import artefacts_of, last_report, named, outcome_of, spec_of
 from service.engine.attempt_trace import AttemptTrace
 from service.engine.attempt_watch import AttemptWatch, Ending, publish_progress
 from service.engine.health_checks import disk_check
 from service.files.disk import REFUSALS
 from service.logs import ROOT
 from service.store.errors import REFUSED_VALUES, DBAPIError, SQLAlchemyError
-from service.store.job import FAILED, TRAINING, IllegalTransitionError, Job, Outcome
+from service.store.job import FAILED, FINISHED, TRAINING, IllegalTransitionError, Job, Outcome
 from service.store.uploads import Uploads, UploadsFullError
 from service.worker import progress, training_job
 from service.worker.attempt import describe
@@ -221,8 +221,8 @@ class Slot(threading.Thread):
             due, beats = watch.due(time.monotonic(), latest), watch.beats(time.monotonic())
             asks, self._heard = self._heard or self.beats % _ASK_EVERY == 0, False
             cancelled = publish_progress(self._store, self.trace, job, due, beats=beats, asks=asks)
-            held_mb = self._worker.held_mb()
-            if (ending := watch.ending(time.monotonic(), cancelled=cancelled, held_mb=held_mb)) is not None:
+            where, now_s = last_report(job, latest), time.monotonic()
+            if ending := watch.ending(now_s, cancelled=cancelled, held_mb=self._worker.held_mb(), where=where):
                 return self._cut_short(job, ending)
         return None
 
@@ -253,6 +253,8 @@ class Slot(threading.Thread):
                 if getattr(error, "errno", None) in REFUSALS:
                     raise
                 outcome = replace(outcome, state=FAILED, result=None, error_kind="disk", error=str(error))
+        if outcome.state != FINISHED:
+            self.trace.keep(job, self._settings.data / job.folder)
         self._check_disk()
         if not (self._takes_more and self._worker.alive):
             return self._store.finish(job, outcome)

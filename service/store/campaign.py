@@ -47,6 +47,7 @@ class CampaignPlan:
     suite_sha256: str
     priority: int
     timeout_s: float
+    cost_s: float  # estimated processor time of all jobs
     jobs: tuple[PlannedJob, ...]
     uploads: tuple[str, ...] = ()  # ids of those that the jobs read
 

@@ -20,8 +20,8 @@ from service.store.campaign import (
     Tally,
     UnknownCampaignError,
 )
-from service.store.campaign_rows import check_removable, tally_of, to_campaign, to_case
-from service.store.job import QUEUED, TERMINAL
+from service.store.campaign_rows import WHOLLY_ENDED, check_removable, tally_of, to_campaign, to_case
+from service.store.job import QUEUED
 from service.store.job import RUNNING as JOB_RUNNING
 from service.store.job_queries import check_room
 from service.store.schema import campaign as _campaign
@@ -153,10 +153,10 @@ class CampaignStore:
         with self._store.reading() as connection:
             return [to_campaign(row) for row in connection.execute(query)]
 
-    def tally(self, campaign_ids: list[str]) -> dict[str, Tally]:
-        """Where the jobs of these campaigns are."""
+    def tally(self, campaigns: Sequence[Campaign]) -> dict[str, Tally]:
+        """Where the jobs of these campaigns are, by the campaign's id."""
         with self._store.reading() as connection:
-            return {i: tally_of(connection, i) for i in campaign_ids}
+            return {one.id: tally_of(connection, one) for one in campaigns}
 
     def cases(
         self, campaign_id: str, *, results: bool = True, first: int = 0, limit: int | None = None
@@ -225,14 +225,8 @@ class CampaignStore:
 
     def settle(self) -> list[Campaign]:
         """End every running campaign whose jobs have all ended; their results are kept with the cases."""
-        active = (
-            select(_case.c.campaign_id)
-            .join(_job, _job.c.id == _case.c.job_id)
-            .where(_case.c.campaign_id == _campaign.c.id, _job.c.state.not_in(sorted(TERMINAL)))
-        )
-        query = select(_campaign.c.id).where(_campaign.c.state == RUNNING, ~active.exists())
         with self._store.reading() as connection:
-            ended = connection.execute(query).scalars().all()
+            ended = connection.execute(WHOLLY_ENDED).scalars().all()
         return [self._end(campaign_id) for campaign_id in ended]
 
     def _end(self, campaign_id: str) -> Campaign:

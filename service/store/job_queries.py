@@ -5,7 +5,6 @@ Statements are made once: making one costs more than running it.
 
 from __future__ import annotations
 
-import statistics
 from dataclasses import fields
 from typing import TYPE_CHECKING, Any
 
@@ -29,9 +28,11 @@ from service.store.job import (
     CRASHED,
     FINISHED,
     INSERTION,
+    MISSED,
     OUTCOMES,
     QUEUED,
     RUNNING,
+    SUCCESS,
     TERMINAL,
     Artefact,
     Event,
@@ -119,14 +120,22 @@ class JobQueries(Transactions):
         outcome: str | None = None,
         name: str | None = None,
         campaign: str | None = None,
+        containing: str = "",
+        alone: bool = False,
         limit: int = 50,
         before: int | None = None,
     ) -> list[Job]:
         """Jobs without spec and result, newest first, those that arrived before sequence number `before`.
 
-        campaign: id of the one that they belong to.
+        campaign: id of the one that they belong to. alone: only those that belong to none. containing: a part of the
+        name, whatever its case, or the beginning of the id.
         """
         query = select(*LISTED).order_by(JOB.c.seq.desc()).limit(limit)
+        if containing:
+            within = func.instr(func.lower(JOB.c.name), containing.lower()) > 0
+            query = query.where(within | JOB.c.id.startswith(containing, autoescape=True))
+        if alone:
+            query = query.where(~exists().where(campaign_case.c.job_id == JOB.c.id))
         if outcome is not None:
             query = query.where(JOB.c.outcome == outcome)
         if state is not None:
@@ -204,18 +213,17 @@ class JobQueries(Transactions):
         with self.reading() as connection:
             return set(connection.execute(select(JOB.c.id)).scalars())
 
-    def step_s(self) -> float | None:
-        """Time of a step by the last jobs that finished: median of their wall times; None before the first."""
-        wall = (JOB.c.finished_at - JOB.c.started_at) / JOB.c.steps
+    def latest_finished(self, limit: int) -> list[tuple[str, float]]:
+        """Id and wall time, s, of the latest insertions whose every planned step was taken, newest first."""
         query = (
-            select(wall)
-            .where(JOB.c.state == FINISHED, JOB.c.steps > 0, JOB.c.kind == INSERTION)
+            select(JOB.c.id, JOB.c.finished_at - JOB.c.started_at)
+            .where(JOB.c.state == FINISHED, JOB.c.kind == INSERTION, JOB.c.outcome.in_((SUCCESS, MISSED)))
+            .where(JOB.c.finished_at > JOB.c.started_at)
             .order_by(JOB.c.seq.desc())
-            .limit(50)
+            .limit(limit)
         )
         with self.reading() as connection:
-            found = [float(value) for value in connection.execute(query).scalars() if value is not None]
-        return statistics.median(found) if found else None
+            return [(job_id, float(wall_s)) for job_id, wall_s in connection.execute(query)]
 
     def artefacts(self, job_id: str) -> list[Artefact]:
         """What the job left behind, by name."""

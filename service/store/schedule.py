@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from datetime import UTC, datetime
+from itertools import islice
 from typing import Any, Literal
 from zoneinfo import ZoneInfo
 
@@ -82,6 +83,11 @@ def ticks(cron: str, timezone: str, first: float, now: float) -> list[float]:
     while found[-1] <= now and len(found) <= MOST_TICKS:
         found.append(next_tick(cron, timezone, found[-1]))
     return found
+
+
+def next_ticks(cron: str, timezone: str, after: float, count: int) -> list[float]:
+    """The first moments of the cron line after `after`, fewer where there are no more. Raises ScenarioError."""
+    return [moment.timestamp() for moment in islice(_line(cron, timezone, after), count)]
 
 
 def check(cron: str, timezone: str) -> None:

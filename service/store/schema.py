@@ -24,7 +24,7 @@ from sqlalchemy import (
     text,
 )
 
-REVISION = "owners_and_lanes"  # of the newest migration
+REVISION = "campaign_lanes"  # of the newest migration
 STATES = ("queued", "running", "finished", "failed", "cancelled", "timed_out")
 
 metadata = MetaData(
@@ -83,6 +83,7 @@ Index(
     sqlite_where=text("state = 'queued'"),
     postgresql_where=text("state = 'queued'"),
 )
+Index("ix_job_lane_state", job.c.lane, job.c.state, job.c.steps)  # how far a campaign is, from the index alone
 Index("ix_job_state_seq", job.c.state, job.c.seq)
 Index("ix_job_outcome_seq", job.c.outcome, job.c.seq)
 

@@ -7,8 +7,8 @@ from typing import Annotated, Any
 from fastapi import APIRouter, Query, Request, Response
 
 from benchmarks.cautions import cautions
-from benchmarks.paper.suites import suite_names
 from benchmarks.paper.table import BESIDE, arms, main_rows, rows
+from benchmarks.suites.catalogue import suite_names
 from service.api.context import Service, ServiceOf
 from service.api.parameters import CampaignId, Cursor
 from service.api.schemas.campaigns import CampaignState, CampaignView, ComparisonView

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from contextlib import suppress
 from typing import Annotated, Any
+from urllib.parse import urlencode
 
 from fastapi import APIRouter, Query, Request, Response
 
-from service.admission.cost import LEAST_LIMIT_S, TYPICAL_STEP_S
+from benchmarks.paper.table import ARM_NAMES
+from service.admission.cost import LEAST_LIMIT_S
 from service.api.context import Service, ServiceOf
 from service.api.parameters import Cursor, JobId
 from service.api.schemas.campaigns import CampaignView
@@ -16,10 +17,11 @@ from service.api.schemas.jobs import ArtefactView, EventView, JobRequest, JobSum
 from service.campaigns.overview import overviews
 from service.display import flat
 from service.store.campaign import RUNNING as CAMPAIGN_RUNNING
-from service.store.job import FINISHED, QUEUED, TERMINAL, Job, UnknownJobError
+from service.store.job import FINISHED, QUEUED, RUNNING, TERMINAL, Job, UnknownJobError
 from service.store.models import UnknownModelError
 from service.store.paging import read_page
 from service.web.form import scenario_form
+from service.web.job_facts import differences, measures, path_words, ways_to_run
 from service.web.site import missing, page
 from simcore.scenario.point_rules import without_derived
 from simcore.scenario.presets import preset, preset_names
@@ -27,7 +29,7 @@ from simcore.scenario.presets import preset, preset_names
 router = APIRouter(include_in_schema=False)
 
 ROWS = 50
-AXES = ("x", "y", "z")
+CAMPAIGNS = 3  # that have ended and are shown above the jobs
 _PLOTTED = 50_000  # steps up to which the series is drawn without a click
 
 
@@ -37,33 +39,56 @@ def get_jobs(
     service: ServiceOf,
     state: State | None = None,
     outcome: Outcome | None = None,
+    search: Annotated[str, Query(alias="q", max_length=100)] = "",
+    every: Annotated[bool, Query(alias="all")] = False,
     cursor: Cursor = None,
 ) -> Response:
-    """Jobs, newest first, and the campaigns that run."""
+    """Jobs, newest first, on the first page those that run before all others. A campaign is one line: its jobs are
+    listed where something is searched for or chosen, and with `all`."""
+    search = search.strip()
+    alone = not (every or search or state or outcome)
+    wanted: dict[str, Any] = {"state": state, "outcome": outcome, "containing": search, "alone": alone}
 
     def newest(most: int, before: int | None) -> list[Job]:
-        return service.store.newest(state=state, outcome=outcome, limit=most, before=before)
+        return service.store.newest(**wanted, limit=most, before=before)
 
     listed = read_page(newest, size=ROWS, cursor=cursor)
+    first = cursor is None and state is None and outcome is None
+    running = service.store.newest(**{**wanted, "state": RUNNING}, limit=ROWS) if first else []
+    ahead = {job.id for job in running}
+    jobs = [*running, *(job for job in listed.items if job.id not in ahead)]
     return page(
         request,
         "jobs.html",
-        jobs=[JobSummary.of(job) for job in listed.items],
-        campaign_of=service.campaigns.of_jobs([job.id for job in listed.items]),
+        jobs=[JobSummary.of(job) for job in jobs],
+        campaign_of=service.campaigns.of_jobs([job.id for job in jobs]),
         older_than=listed.next_cursor,
         cursor=cursor,
         wanted=state,
         wanted_outcome=outcome,
+        search=search,
+        every=every,
+        kept=_kept(search, every=every),
         counts=service.store.counts(),
         outcomes=service.store.outcomes(),
-        campaigns=_running_campaigns(service),
+        campaigns=_latest_campaigns(service) if first and not search else [],
         retriable=TERMINAL - {FINISHED},
     )
 
 
-def _running_campaigns(service: Service) -> list[CampaignView]:
-    campaigns = service.campaigns.newest(state=CAMPAIGN_RUNNING, limit=10)
-    return [CampaignView.of(one) for one in overviews(service.campaigns, campaigns, now=service.store.now)]
+def _kept(search: str, *, every: bool) -> str:
+    """The part of an address that keeps what is searched for, beginning with &."""
+    return "".join(
+        f"&{part}" for part in (urlencode({"q": search}) if search else "", "all=1" if every else "") if part
+    )
+
+
+def _latest_campaigns(service: Service) -> list[CampaignView]:
+    """Those that run, and the latest that have ended."""
+    running = service.campaigns.newest(state=CAMPAIGN_RUNNING, limit=10)
+    known = {one.id for one in running}
+    ended = [one for one in service.campaigns.newest(limit=CAMPAIGNS) if one.id not in known]
+    return [CampaignView.of(one) for one in overviews(service.campaigns, [*running, *ended], now=service.store.now)]
 
 
 @router.get("/submit")
@@ -86,8 +111,6 @@ def get_submit(
         priority=schema["priority"],
         timeout=schema["timeout_s"] | schema["timeout_s"]["anyOf"][0],
         least_limit_s=LEAST_LIMIT_S,
-        step_s=service.store.step_s() or TYPICAL_STEP_S,
-        measured=service.store.step_s() is not None,
     )
 
 
@@ -109,15 +132,6 @@ def _start(service: Service, start: str | None) -> dict[str, Any] | None:
         scenario: dict[str, Any] | None = (service.store.get(start).spec or {}).get("scenario")
         return scenario and without_derived(scenario)
     return None
-
-
-def _measures(part: dict[str, Any]) -> Iterator[tuple[str, Any]]:
-    """Values of a result by name, errors along x, y and z separately; the model of a training has its own page."""
-    for name, value in flat(part):
-        if isinstance(value, list):
-            yield from ((f"{name} {axis}", one) for axis, one in zip(AXES, value, strict=False))
-        elif name != "model":
-            yield name, value
 
 
 def _waiting_reason(service: Service, job: Job) -> str:
@@ -153,15 +167,38 @@ def get_job(job_id: JobId, request: Request, service: ServiceOf) -> Response:
         campaign=service.campaigns.of_jobs([job.id]).get(job.id),
         waiting_reason=_waiting_reason(service, job) if job.state == QUEUED else "",
         course=service.engine.trace(job),
+        depth_mm=_planned_depth_mm(job),
         cancelling=job.cancel_requested and not job.terminal,
         cpu_s=job.cpu_s,
         memory_mb=job.max_rss_mb,
         artefacts=artefacts,
         events=[EventView.of(event) for event in service.store.events(job.id)],
-        inputs=list(flat({k: v for k, v in (view.scenario or view.training or {}).items() if k != "schema"})),
+        **_what_ran(view),
+        ways=ways_to_run(view.scenario, str(request.base_url).rstrip("/")) if view.scenario else {},
         **_result_values(view.result or {}),
         **_drawable(job, view, {artefact.name for artefact in artefacts}),
     )
+
+
+def _what_ran(view: JobView) -> dict[str, Any]:
+    """What the page says of the inputs: controller and path in words, what was set, every field."""
+    scenario = view.scenario
+    inputs = list(flat({k: v for k, v in (scenario or view.training or {}).items() if k != "schema"}))
+    if scenario is None:
+        return {"controller": "", "path_text": "", "set_fields": [], "inputs": inputs}
+    controller = scenario["controller"]
+    name = controller.get("name") or ARM_NAMES.get(controller["kind"], controller["kind"])
+    changed = differences(scenario)
+    named = {one.field for one in changed}
+    unset = [(field, value) for field, value in inputs if field not in named]
+    return {"controller": name, "path_text": path_words(scenario), "set_fields": changed, "inputs": unset}
+
+
+def _planned_depth_mm(job: Job) -> float | None:
+    """How far the path leads; None where there is none."""
+    scenario = (job.spec or {}).get("scenario") or {}
+    speed_mm_s = scenario.get("trajectory", {}).get("speed_mm_s")
+    return None if speed_mm_s is None else job.steps * scenario["dt_s"] * speed_mm_s
 
 
 def _result_values(result: dict[str, Any]) -> dict[str, Any]:
@@ -170,7 +207,7 @@ def _result_values(result: dict[str, Any]) -> dict[str, Any]:
     origin = {name: value for name, value in (result.get("provenance") or {}).items() if name != "scenario"}
     return {
         "result": result,
-        "measures": [item for part in ("metrics", "solver") for item in _measures(result.get(part) or {})],
+        "measures": [item for part in ("metrics", "solver") for item in measures(part, result.get(part) or {})],
         "parts": {name: part for name, part in timing.items() if isinstance(part, dict)},
         "spans": {name: value for name, value in timing.items() if not isinstance(value, dict)},
         "origin": list(flat(origin)),

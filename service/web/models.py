@@ -15,7 +15,7 @@ from service.api.schemas.uploads import UploadView
 from service.display import flat
 from service.store.job import UnknownJobError
 from service.store.models import UnknownModelError
-from service.web.jobs import AXES
+from service.web.job_facts import AXES
 from service.web.site import missing, page
 
 router = APIRouter(include_in_schema=False)

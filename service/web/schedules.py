@@ -11,12 +11,14 @@ from service.api.parameters import SuiteName
 from service.api.schemas.campaigns import Trend
 from service.api.schemas.schedules import ScheduleRunView, ScheduleView
 from service.campaigns.trends import trend
+from service.store.schedule import next_ticks
 from service.web.campaigns import request_form
 from service.web.site import missing, page
 
 router = APIRouter(include_in_schema=False)
 
 RUNS = 10
+NEXT = 3  # ticks that are shown before they come
 
 
 @router.get("/schedules")
@@ -26,7 +28,11 @@ def get_schedules(request: Request, service: ServiceOf) -> Response:
         request,
         "schedules.html",
         schedules=[
-            (ScheduleView.of(one), [ScheduleRunView.of(run) for run in service.schedules.runs(one.id, limit=RUNS)])
+            (
+                ScheduleView.of(one),
+                next_ticks(one.cron, one.timezone, service.store.now, NEXT) if one.enabled else [],
+                [ScheduleRunView.of(run) for run in service.schedules.runs(one.id, limit=RUNS)],
+            )
             for one in service.schedules.all()
         ],
         trended=set(service.campaigns.suites()),

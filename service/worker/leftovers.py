@@ -14,6 +14,8 @@ from typing import Self
 from service.worker.guard import guard_pid
 from service.worker.processes import Process, descendants, end_descendants
 
+_OF_LIBRARIES = ("KMP_DUPLICATE_LIB_OK", "KMP_INIT_AT_FORK")  # that scikit-learn and joblib set when they are imported
+
 
 @dataclass(frozen=True)
 class Belongings:
@@ -53,7 +55,7 @@ def _settings() -> dict[str, str]:
     numbers = set(signal.Signals) - {signal.SIGTERM}  # which belongs to the attempt
     found = {
         "folder": _folder(),
-        "environment": str(hash(frozenset(os.environ.items()))),
+        "environment": str(hash(frozenset(one for one in os.environ.items() if one[0] not in _OF_LIBRARIES))),
         "stream or hook": str([id(one) for one in streams]),
         "signal handler": str([(number, id(signal.getsignal(number))) for number in sorted(numbers)]),
         "trace": str((id(sys.gettrace()), id(sys.getprofile()))),

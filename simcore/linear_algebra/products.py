@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 if TYPE_CHECKING:
-    from simcore.arrays import Floats
+    from simcore.arrays import Floats, Singles
 
 TERMS = 1_000_000  # of a product that are held at once
 
@@ -32,7 +32,7 @@ def times(matrix: Floats, vector: Floats) -> Floats:
     return found
 
 
-def product(a: Floats, b: Floats) -> Floats:
+def product(a: Floats | Singles, b: Floats) -> Floats:
     """(m, n): a (m, k) times b (k, n)."""
     out = np.empty((len(a), b.shape[1]))
     rows = max(1, TERMS // max(1, b.size))

@@ -8,7 +8,7 @@ from __future__ import annotations
 from typing import Annotated, Any, Literal
 
 import numpy as np
-from pydantic import BaseModel, ConfigDict, Field, StringConstraints
+from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, StringConstraints
 
 from simcore.mesh.regions import BallRegion, BoxRegion, PlaneRegion
 
@@ -20,6 +20,7 @@ STAND_OFF_MM = 20.0
 MINIMUM_DEPTH_MM = 0.1
 MAXIMUM_CELLS = 200_000
 MAXIMUM_STEPS = 1_000_000
+MAXIMUM_PARTS = 100  # in which a tissue is held
 
 Number = Annotated[float, Field(strict=True, allow_inf_nan=False)]
 Triple = tuple[Number, Number, Number]
@@ -27,6 +28,18 @@ Component = Annotated[Number, Field(ge=-1000, le=1000)]
 SetName = Annotated[str, StringConstraints(min_length=1, max_length=100)]
 Face = Literal["x_min", "x_max", "y_min", "y_max", "z_max"]
 SIDES: tuple[Face, Face] = ("y_min", "y_max")  # what is held where nothing is named
+
+
+def at_most(count: int) -> Any:
+    """Refuses a longer list before its items are looked at: to describe what is wrong with each of very many takes a
+    thousand times the room of the list."""
+
+    def counted(items: Any) -> Any:
+        if isinstance(items, list) and len(items) > count:
+            raise ValueError(f"holds {len(items)} items, at most {count} are allowed")
+        return items
+
+    return BeforeValidator(counted)
 
 
 class Block(BaseModel):
@@ -91,7 +104,7 @@ class Tissue(Block):
         Annotated[Number, Field(ge=10, le=500)],
     ] = Field(
         default=(36.0, 62.0, 122.0),
-        description="edges x, y, z, each 10 to 500; with mesh_file, those of its bounding box replace them [paper]",
+        description="edges x, y, z, each 10 to 500 mm; with mesh_file, those of its bounding box replace them [paper]",
     )
     element_size_mm: Number = bounded(
         6.0, 1.0, 50.0, "edge of a cell of six tetrahedra; with mesh_file, its mean element replaces it [ours]"
@@ -101,19 +114,19 @@ class Tissue(Block):
     density_kg_m3: Number = bounded(0.0, 0.0, 20_000.0, "mass density; 0 = quasi-static [ours]; tissue 1000 [cited]")
     rayleigh_mass_per_s: Number = bounded(0.0, 0.0, 1000.0, "alpha of the damping C = alpha M + beta K [ours]")
     rayleigh_stiffness_s: Number = bounded(0.0, 0.0, 10.0, "beta of the damping C = alpha M + beta K [ours]")
-    fixed_faces: tuple[Face, ...] | None = Field(
+    fixed_faces: Annotated[tuple[Face, ...] | None, at_most(MAXIMUM_PARTS)] = Field(
         default=None,
         description="faces held still, of x_min, x_max, y_min, y_max, z_max (z = 0 is the entry); with mesh_file, flat "
         "sides of its bounding box; null = y_min, y_max where neither fixed_sets nor fixed_regions is given [ours]",
     )
-    fixed_sets: tuple[SetName, ...] = Field(
+    fixed_sets: Annotated[tuple[SetName, ...], at_most(MAXIMUM_PARTS)] = Field(
         default=(),
-        max_length=100,
+        max_length=MAXIMUM_PARTS,
         description="held parts of mesh_file by name: node set, cell set, physical group, array or array=number [ours]",
     )
-    fixed_regions: tuple[FixedRegion, ...] = Field(
+    fixed_regions: Annotated[tuple[FixedRegion, ...], at_most(MAXIMUM_PARTS)] = Field(
         default=(),
-        max_length=100,
+        max_length=MAXIMUM_PARTS,
         description="held parts by place, each a box, plane or sphere; what lies in one is held [ours]",
     )
     mesh_file: Annotated[str, StringConstraints(min_length=1, max_length=1000)] | None = Field(

@@ -216,6 +216,8 @@ class Plugin(Block):
     settings: dict[str, JsonValue] = Field(
         default={}, description="what its factory is given; JSON of at most 100000 characters [ours]"
     )
+    start_timeout_s: Number = bounded(600.0, 0.1, 86400.0, "s until it is made, what it loads included [ours]")
+    step_timeout_s: Number = bounded(60.0, 0.001, 86400.0, "s until it has answered a step, or the run ends [ours]")
     delay_s: Number = DELAY
 
     @field_validator("settings")

@@ -9,7 +9,7 @@ import numpy as np
 from simcore import plugins
 from simcore.arrays import Floats
 from simcore.errors import Problem
-from simcore.scenario.controller_blocks import Controller, InverseFem, Learned, Plugin, Replay
+from simcore.scenario.controller_blocks import KINDS, Controller, InverseFem, Learned, Plugin, Replay
 from simcore.scenario.held_parts import held_faces_of
 from simcore.scenario.pose_file import digest_of_poses, fault_of_poses, load_poses
 from simcore.scenario.suggestions import did_you_mean
@@ -86,7 +86,7 @@ def plugin_problems(controller: Controller) -> list[Problem]:
         problem = plugins.problem_of(controller.name)
         return [] if problem is None else [Problem("controller.name", controller.name, problem)]
     there = f"installed: {', '.join(known)}" if known else "none is installed; see: needlebench example controller"
-    meant = did_you_mean(controller.name, known)
+    meant = did_you_mean(controller.name, [*known, *KINDS.replace(" or ", ", ").split(", ")])
     return [
         Problem("controller.name", controller.name, f"is no controller of the group {plugins.GROUP}; {there}{meant}")
     ]

@@ -14,6 +14,7 @@ from simcore.mesh.reader import digest_of, load_mesh
 from simcore.mesh.tet_mesh import TetMesh
 from simcore.scenario.blocks import Tissue
 from simcore.scenario.held_parts import held_of, held_problems, nothing_held, region_problems
+from simcore.scenario.suggestions import point_in_another_unit
 from simcore.scenario.trajectory_blocks import Guide
 from simcore.trajectory import Path
 
@@ -92,7 +93,8 @@ def mesh_path_problems(tissue: Tissue, path: Path, end_field: str) -> list[Probl
             f"must lie on the mesh's surface within {ON_SURFACE_MM:g} mm; {_mm(nearest)} does, {apart:.3g} mm away; "
             "trajectory.entry_snap_mm moves it there"
         )
-        return [Problem("trajectory.entry_mm", entry, allowed)]
+        meant = point_in_another_unit(entry, lambda point: _is_on_surface(mesh, point))
+        return [Problem("trajectory.entry_mm", entry, allowed + meant)]
     if np.isin(mesh.surface_triangles[triangle], held_of(tissue, mesh)).all():
         return [Problem("trajectory.entry_mm", entry, "must not lie on a held part of the surface")]
     inward = mesh.inward_normal(path.entry_m)
@@ -107,6 +109,11 @@ def mesh_path_problems(tissue: Tissue, path: Path, end_field: str) -> list[Probl
         return []
     allowed = f"must be reached inside the mesh; the path leaves it at {_mm(points[outside[0]])}"
     return [Problem(end_field, end, allowed)]
+
+
+def _is_on_surface(mesh: TetMesh, point_mm: tuple[float, float, float]) -> bool:
+    point_m = 1e-3 * np.array(point_mm)
+    return 1e3 * norm(mesh.nearest_on_surface(point_m)[1] - point_m) <= ON_SURFACE_MM
 
 
 def _mm(point_m: Floats) -> str:

@@ -11,9 +11,11 @@ from simcore.errors import Problem
 from simcore.linear_algebra.products import norm
 from simcore.scenario.blocks import MINIMUM_DEPTH_MM, STAND_OFF_MM, Needle, Tissue
 from simcore.scenario.held_parts import block_problems
+from simcore.scenario.suggestions import point_in_another_unit
 from simcore.scenario.trajectory_blocks import ArcTrajectory, Guide, SineTrajectory, WaypointTrajectory
 from simcore.trajectory import Path
 
+Point = tuple[float, float, float]  # mm
 PLACES = 1001  # of a path that are looked at, evenly along it
 OUTSIDE_M = 1e-12  # rounding
 
@@ -31,7 +33,7 @@ def length_problems(guide: Guide, needle: Needle) -> list[Problem]:
     length = 1e3 * guide.path().length_m
     if needle.length_mm >= length + STAND_OFF_MM - 1e-9:
         return []
-    allowed = f"must be at least {length + STAND_OFF_MM:.6g} (path {length:.6g} plus stand-off {STAND_OFF_MM:g})"
+    allowed = f"must be at least {length + STAND_OFF_MM:.6g} mm (path {length:.6g} plus stand-off {STAND_OFF_MM:g})"
     return [Problem("needle.length_mm", needle.length_mm, allowed)]
 
 
@@ -49,7 +51,7 @@ def _shape_problems(guide: Guide) -> list[Problem]:
     if (near := np.flatnonzero(apart < MINIMUM_DEPTH_MM)).size:
         row = int(near[0])
         before = f"trajectory.points_mm[{row - 1}]" if row else "trajectory.entry_mm"
-        allowed = f"must lie at least {MINIMUM_DEPTH_MM:g} from {before}, and is {apart[row]:.3g} away"
+        allowed = f"must lie at least {MINIMUM_DEPTH_MM:g} mm from {before}, and is {apart[row]:.3g} mm away"
         return [Problem(f"trajectory.points_mm[{row}]", list(guide.points_mm[row]), allowed)]
     return []
 
@@ -59,18 +61,25 @@ def _block_path_problems(guide: Guide, tissue: Tissue) -> list[Problem]:
     if guide.entry_snap_mm != 0.0:
         allowed = "must be 0: it belongs to tissue.mesh_file, which is not given"
         return [Problem("trajectory.entry_snap_mm", guide.entry_snap_mm, allowed)]
-    x, y, z = guide.entry_mm
-    if z != 0.0 or not (0.0 < x < size[0] and 0.0 < y < size[1]):
-        allowed = f"must lie on the face z = 0, inside 0 < x < {size[0]:g}, 0 < y < {size[1]:g}"
-        return [Problem("trajectory.entry_mm", list(guide.entry_mm), allowed)]
-    inside = f"0 < x < {size[0]:g}, 0 < y < {size[1]:g}, {MINIMUM_DEPTH_MM:g} <= z <= {size[2]:g}"
-    for field, (tx, ty, tz) in _inner_points(guide):
-        if not (0.0 < tx < size[0] and 0.0 < ty < size[1] and MINIMUM_DEPTH_MM <= tz <= size[2]):
-            return [Problem(field, [tx, ty, tz], f"must lie below the entry, inside {inside}")]
+
+    def on_face(point: Point) -> bool:
+        return point[2] == 0.0 and 0.0 < point[0] < size[0] and 0.0 < point[1] < size[1]
+
+    def inside(point: Point) -> bool:
+        return on_face((*point[:2], 0.0)) and MINIMUM_DEPTH_MM <= point[2] <= size[2]
+
+    if not on_face(entry := guide.entry_mm):
+        allowed = f"must lie on the face z = 0, inside 0 < x < {size[0]:g}, 0 < y < {size[1]:g} mm"
+        return [Problem("trajectory.entry_mm", list(entry), allowed + point_in_another_unit(entry, on_face))]
+    for field, point in _inner_points(guide):
+        if not inside(point):
+            within = f"0 < x < {size[0]:g}, 0 < y < {size[1]:g}, {MINIMUM_DEPTH_MM:g} <= z <= {size[2]:g} mm"
+            allowed = f"must lie below the entry, inside {within}{point_in_another_unit(point, inside)}"
+            return [Problem(field, list(point), allowed)]
     return block_problems(tissue, guide.entry_mm) or direction_problems(guide) or _leaving_problems(guide, tissue)
 
 
-def _inner_points(guide: Guide) -> list[tuple[str, tuple[float, float, float]]]:
+def _inner_points(guide: Guide) -> list[tuple[str, Point]]:
     """The fields of points that a path goes through below the surface."""
     if isinstance(guide, WaypointTrajectory):
         return [(f"trajectory.points_mm[{i}]", point) for i, point in enumerate(guide.points_mm)]
@@ -98,7 +107,8 @@ def _leaving_problems(guide: Guide, tissue: Tissue) -> list[Problem]:
 def _mesh_path_problems(guide: Guide, tissue: Tissue) -> list[Problem]:
     length = math.dist(guide.entry_mm, guide.end_mm)
     if length < MINIMUM_DEPTH_MM:
-        allowed = f"is {length:.3g} mm from trajectory.entry_mm; it must be at least {MINIMUM_DEPTH_MM:g}"
+        allowed = f"is {length:.3g} mm from trajectory.entry_mm; it must be at least {MINIMUM_DEPTH_MM:g} mm"
+        allowed += "; are its points in metres?" if length * 1e3 >= 1.0 else ""
         return [Problem(guide.end_field, list(guide.end_mm), allowed)]
     from simcore.scenario.mesh_rules import mesh_path_problems
 
@@ -116,7 +126,7 @@ def direction_problems(guide: Guide) -> list[Problem]:
         return [Problem("trajectory.direction", list(guide.direction), allowed)]
     least = 0.5 * norm(chord)
     if isinstance(guide, ArcTrajectory) and guide.radius_mm < least:
-        allowed = f"must be at least {least:.6g}, half of the distance from entry to target"
+        allowed = f"must be at least {least:.6g} mm, half of the distance from entry to target"
         return [Problem("trajectory.radius_mm", guide.radius_mm, allowed)]
     return []
 

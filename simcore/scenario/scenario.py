@@ -199,11 +199,11 @@ class Scenario(Block):
         try:
             if isinstance(data, bytes):
                 data = data.decode(json.detect_encoding(data))  # a redirected PowerShell writes UTF-16
-            if isinstance(data, str) and re.fullmatch(r"\s*[\w./\\:~ -]+\s*", data):
-                return cls._named(data.strip())
             text = data if isinstance(data, str) else json.dumps(data, default=_plain)
         except (TypeError, ValueError, RecursionError) as error:
             raise ScenarioError([Problem("scenario", type(data).__name__, f"is not JSON: {error}")]) from None
+        if isinstance(data, str) and re.fullmatch(r"[\w./\\:~ -]+", data.strip()):
+            return cls._named(data.strip())
         try:
             return cls.model_validate_json(text)
         except ValidationError as error:

@@ -8,7 +8,7 @@ import re
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable
+    from collections.abc import Callable, Iterable, Sequence
 
 # unit of a field by the end of its name -> other units that people use, as multiples of it
 UNITS: dict[str, tuple[str, dict[str, float]]] = {
@@ -23,8 +23,8 @@ UNITS: dict[str, tuple[str, dict[str, float]]] = {
     "_n": ("N", {"mN": 1e-3}),
     "_s": ("s", {"ms": 1e-3}),
 }
-_NUMBERS = re.compile(r"\s*[-+\d.eE]+(\s*[,; ]\s*[-+\d.eE]+)+\s*")
-_WORDS = re.compile(r"\s*\w+(\s*,\s*\w+)*\s*")
+_NUMBER = re.compile(r"[-+]?[0-9.]+([eE][-+]?[0-9]+)?")
+_WORD = re.compile(r"\w+")
 
 
 def nearest(name: object, known: Iterable[str]) -> str | None:
@@ -56,12 +56,26 @@ def in_another_unit(field: str, value: Any, low: float | None, high: float | Non
     return ""
 
 
+def point_in_another_unit(point_mm: Sequence[float], fits: Callable[[tuple[float, float, float]], bool]) -> str:
+    """`; is it [0.018, 0.031, 0.08] m? that is [18, 31, 80] mm`, where a point that does not fit does in another unit
+    of length; or nothing."""
+    for unit, scale in UNITS["_mm"][1].items():
+        x, y, z = (scale * value for value in point_mm)
+        if fits((x, y, z)):
+            return f"; is it {_point(point_mm)} {unit}? that is {_point((x, y, z))} mm"
+    return ""
+
+
+def _point(values: Sequence[float]) -> str:
+    return f"[{', '.join(f'{value:g}' for value in values)}]"
+
+
 def as_list(value: Any) -> str:
     """`; write [18,31,80]` for a list that was given as text; or nothing."""
     if not isinstance(value, str) or len(value) > 200:
         return ""
-    if _NUMBERS.fullmatch(value):
-        return f"; write [{','.join(re.split(r'[,; ]+', value.strip()))}]"
-    if _WORDS.fullmatch(value):
-        return f"; write {json.dumps([word.strip() for word in value.split(',')])}"
-    return ""
+    numbers = re.split(r"[,;\s]+", value.strip())
+    if len(numbers) > 1 and all(map(_NUMBER.fullmatch, numbers)):
+        return f"; write [{','.join(numbers)}]"
+    words = [word.strip() for word in value.split(",")]
+    return f"; write {json.dumps(words)}" if all(map(_WORD.fullmatch, words)) else ""

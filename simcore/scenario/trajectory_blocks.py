@@ -9,7 +9,7 @@ import numpy as np
 from pydantic import Field
 
 from simcore.arrays import Floats
-from simcore.scenario.blocks import Block, Component, Number, Triple, bounded
+from simcore.scenario.blocks import Block, Component, Number, Triple, at_most, bounded
 from simcore.trajectory import ArcPath, Path, SinePath, SplinePath, step_count, targets
 
 KINDS = "line, sine, arc, waypoints or reach"
@@ -22,7 +22,7 @@ SNAP = bounded(
     0.0, 0.0, 50.0, "how far entry_mm may be moved to the nearest point of the surface of mesh_file; 0 = not [ours]"
 )
 TARGET = Field(
-    default=(18.0, 31.0, 122.0), description="inside the block, at least 0.1 below the face z = 0 [paper: z = 122]"
+    default=(18.0, 31.0, 122.0), description="inside the block, at least 0.1 mm below the face z = 0 [paper: z = 122]"
 )
 SPEED = bounded(10.0, 0.1, 1000.0, "speed of the target along the path [paper]")
 FRAME: Any = Field(
@@ -155,12 +155,12 @@ class WaypointTrajectory(Timed):
     kind: Literal["waypoints"] = Field(default="waypoints", description=KINDS)
     entry_mm: Triple = ENTRY
     entry_snap_mm: Number = SNAP
-    points_mm: tuple[Triple, ...] = Field(
+    points_mm: Annotated[tuple[Triple, ...], at_most(MAXIMUM_POINTS)] = Field(
         default=((20.0, 32.0, 60.0), (18.0, 34.0, 122.0)),
         min_length=1,
         max_length=MAXIMUM_POINTS,
-        description="1 to 500 points after the entry, in order, inside the tissue and at least 0.1 apart; the last one "
-        "is the end [ours]",
+        description="1 to 500 points after the entry, in order, inside the tissue and at least 0.1 mm apart; the last "
+        "one is the end [ours]",
     )
     speed_mm_s: Number = SPEED
     frame: Literal["world", "tissue"] = FRAME

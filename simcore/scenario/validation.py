@@ -90,7 +90,8 @@ def _problem(item: ErrorDetails, place: _Place) -> Problem:
         return Problem(f"{place.name}.kind", kind, f"must be one of {kinds}{did_you_mean(kind, kinds.split(', '))}")
     if item["type"] == "union_tag_not_found":
         return Problem(f"{place.name}.kind", None, f"is missing; it must be one of {', '.join(_kinds(place.field))}")
-    message = item["msg"].replace("Input should", "should").replace("Field required", "is missing")
+    message = item["msg"].removeprefix("Value error, ").replace("Input should", "should")
+    message = message.replace("Field required", "is missing")
     message = message.replace("Tuple", "list").replace("String", "text").replace(" after validation", "")
     message = message.replace("valid array", "list")
     allowed = _with_unit(place) if place.field and not _models(place.field) else None

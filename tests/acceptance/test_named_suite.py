@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 import httpx2
 import pytest
 
-from benchmarks.paper.suites import suite
+from benchmarks.suites.catalogue import suite
 from service.settings import RUNNER
 from tests.acceptance.server import running_server, until
 

@@ -17,7 +17,8 @@ from click.testing import CliRunner
 from benchmarks.cases import Case, Outcome
 from benchmarks.paper.plan import Plan
 from benchmarks.paper.scale import SCALES, Scale
-from benchmarks.paper.suites import drafts, resolve_cases
+from benchmarks.paper.suites import resolve_cases
+from benchmarks.suites.catalogue import drafts
 from service.cli.main import main
 from service.cli.paper import read_scale
 from service.local.paper_folder import PaperFolder, open_folder

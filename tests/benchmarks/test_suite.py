@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import json
+import sys
 import time
 from typing import TYPE_CHECKING
 
@@ -12,6 +13,7 @@ from click.testing import CliRunner
 
 from benchmarks.bench_report import SCHEMA
 from benchmarks.observed_run import ObservedRun, observe
+from benchmarks.performance.environments import environments
 from benchmarks.performance.kernels import micro
 from benchmarks.performance.probe import ProbeError, probe
 from benchmarks.performance.recording_cost import recording
@@ -44,6 +46,7 @@ NAMES = (
     "recording",
     "start-up",
     "memory",
+    "envs",
     "profile",
     "convergence",
     "work-precision",
@@ -151,6 +154,26 @@ def test_the_exponent_of_a_power_law() -> None:
 def test_throughput_and_recording(ports: BenchPorts) -> None:
     assert "throughput.two_over_one" in keys(throughput(ports))
     assert "recording.ratio" in keys(recording(ports))
+
+
+def test_an_episode_an_environment_and_two_at_once_take_the_same_steps(ports: BenchPorts) -> None:
+    found = {figure.key: figure.median for figure in environments(ports).figures}
+    rates = ("envs.episode_steps_s", "envs.one_steps_s", "envs.two_steps_s")
+    assert set(found) == {*rates, "envs.one_over_episode", "envs.two_over_one"}
+    episode, one, two = (found[name] for name in rates)
+    assert episode
+    assert one
+    assert two
+    assert found["envs.one_over_episode"] == pytest.approx(one / episode)
+    assert found["envs.two_over_one"] == pytest.approx(two / one)
+
+
+def test_without_gymnasium_the_episode_is_measured_alone(ports: BenchPorts, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(sys.modules, "gymnasium", None)
+    figures = {figure.key: figure for figure in environments(ports).figures}
+    assert figures["envs.episode_steps_s"].median
+    assert figures["envs.two_steps_s"].median is None
+    assert 'pip install "needlebench[gym]"' in figures["envs.two_steps_s"].note
 
 
 def test_start_up_in_a_process_of_its_own(ports: BenchPorts) -> None:

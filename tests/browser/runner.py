@@ -57,6 +57,8 @@ def _series(seed: int, soft: float) -> dict[str, Any]:
         "target_m": target,
         "tip_m": target + 1e-3 * np.stack([wave, 0.4 * wave, 0 * along], axis=1),
         "insertion_force_n": 0.1 + 1.2 * along + 0.05 * np.sin(40 * along),
+        "rcm_error_m": 1e-4 * np.abs(wave),
+        "entry_drag_m": 5e-4 * along,
     }
 
 

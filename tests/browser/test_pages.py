@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import re
 from typing import TYPE_CHECKING
 
@@ -9,6 +10,7 @@ import pytest
 
 from tests.acceptance.server import Server, running_server, until
 from tests.browser.browser import PATIENCE_MS, PROGRAM, chromium, opened
+from tests.chaos import plugin_package
 from tests.service.learned import dataset_bytes
 
 if TYPE_CHECKING:
@@ -23,11 +25,17 @@ pytestmark = [
 ]
 
 
+LONG = "a_controller_whose_name_has_no_place_to_break_it_and_goes_on_and_on_for_almost_a_hundred_characters"
+
+
 @pytest.fixture(scope="module")
 def server(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Server]:
     folder = tmp_path_factory.mktemp("pages")
-    with running_server(folder, runner="tests.browser.runner:run_job", workers=1) as started:
-        yield started
+    packages = plugin_package.install(folder / "packages", LONG)
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setenv("PYTHONPATH", os.pathsep.join(filter(None, [str(packages), os.environ.get("PYTHONPATH")])))
+        with running_server(folder, runner="tests.browser.runner:run_job", workers=1) as started:
+            yield started
 
 
 @pytest.fixture(scope="module")
@@ -66,8 +74,11 @@ def test_submit_from_the_form_and_follow_to_the_end(page: Page) -> None:
     assert page.get_by_role("row", name=re.compile("rmse_commanded_mm")).count() == 1
     assert page.get_by_role("link", name="series.npz").count() == 1
     assert page.get_by_role("row", name=re.compile("finished")).count() == 1
-    page.get_by_label("over depth").check()
+    page.get_by_text("Log of the last attempt").click()
+    page.locator("#log pre", has_text="logged").wait_for()
     page.locator("#plot-error", has_text="depth").wait_for()
+    page.get_by_label("over time").check()
+    page.locator("#plot-error", has_text="time").wait_for()
 
 
 def test_progress_is_told_while_it_runs_and_cancel_ends_it(page: Page, server: Server) -> None:
@@ -77,8 +88,71 @@ def test_progress_is_told_while_it_runs_and_cancel_ends_it(page: Page, server: S
     page.locator("#plot-error canvas").wait_for()
     assert page.evaluate("document.querySelector('#job progress').value") > 0
     page.get_by_role("button", name="Cancel").click()
+    page.get_by_role("button", name="No").click()
+    assert page.locator("#job .state.running").is_visible()
+    page.get_by_role("button", name="Cancel").click()
+    page.get_by_role("button", name="Yes").click()
     page.locator("#job .state.cancelled").wait_for()
     assert page.get_by_role("button", name="Retry").is_visible()
+    assert page.locator("#plot-error canvas").is_visible()
+    page.reload()
+    page.locator("#plot-error canvas").wait_for()  # what was plotted of a job that ended early stays
+    assert page.evaluate("JSON.parse(document.getElementById('plots').dataset.course).length") >= 2
+
+
+def test_a_live_plot_is_kept_and_only_its_data_change(page: Page, server: Server) -> None:
+    """With what the reader zoomed to; a page that is open all day has no more of anything."""
+    job = server.client.submit({"name": "brisk to plot"})
+    page.goto(f"/jobs/{job.id}")
+    ended(page)
+    plots = page.evaluate("performance.getEntriesByType('resource').map(e => e.name).find(n => n.includes('plots.'))")
+    page.evaluate(
+        """async (plots) => {
+            const { draw } = await import(plots);
+            const values = [];
+            window.more = () => {
+                values.push(Math.sin(values.length / 9));
+                const x = { label: "depth, mm", unit: "mm", range: [0, 900] };
+                const series = [{ label: "a", unit: "mm", digits: 2, stroke: "--plot-1", dots: 4 }];
+                const data = [values.map((_, i) => i), values];
+                return draw(document.getElementById("plot-force"), { data, x, series, sentence: "so far" });
+            };
+            window.plot = window.more();
+            document.getElementById("force").hidden = false;
+            document.getElementById("plots").hidden = false;
+            for (let i = 0; i < 50; i++) window.more();
+        }""",
+        plots,
+    )
+    assert page.evaluate("[plot.scales.x.min, plot.scales.x.max]") == [0, 900]
+    before = listeners(page)
+    assert page.evaluate("Array.from({ length: 300 }, more).every((one) => one === plot)")
+    assert listeners(page) <= before
+    assert page.locator("#plot-force .uplot").count() == 1
+    page.locator("#plot-force .u-over").scroll_into_view_if_needed()
+    box = page.locator("#plot-force .u-over").bounding_box()
+    assert box is not None
+    page.mouse.move(box["x"] + 0.2 * box["width"], box["y"] + 50)
+    page.mouse.down()
+    page.mouse.move(box["x"] + 0.3 * box["width"], box["y"] + 50, steps=3)
+    page.mouse.up()
+    zoomed = page.evaluate("[plot.scales.x.min, plot.scales.x.max]")
+    assert 100 < zoomed[0] < zoomed[1] < 350
+    page.evaluate("for (let i = 0; i < 20; i++) more()")
+    assert page.evaluate("[plot.scales.x.min, plot.scales.x.max]") == zoomed
+    page.locator("#plot-force .u-over").dblclick()
+    page.evaluate("more()")
+    assert page.evaluate("[plot.scales.x.min, plot.scales.x.max]") == [0, 900]
+
+
+def listeners(page: Page) -> float:
+    """How many listeners of events this page holds, after a collection of its garbage."""
+    session = page.context.new_cdp_session(page)
+    session.send("Performance.enable")
+    session.send("HeapProfiler.collectGarbage")
+    metrics = session.send("Performance.getMetrics")["metrics"]
+    session.detach()
+    return next(one["value"] for one in metrics if one["name"] == "JSEventListeners")
 
 
 def test_wrong_fields_are_marked_at_their_place(page: Page) -> None:
@@ -107,12 +181,38 @@ def test_the_drawing_and_the_estimate_follow_the_form(page: Page) -> None:
     before = page.locator("#drawing title").text_content()
     page.get_by_label("Target z").fill("60")
     assert page.locator("#drawing title").text_content() != before
-    assert "60.0 mm, 600 steps" in page.locator("#estimate").inner_text()
+    assert "60.0 mm, 600 steps" in page.locator("#length").inner_text()
+    page.locator("#estimate", has_text=re.compile("About .* between .* and ")).wait_for()
+    focus = page.evaluate("document.activeElement.id")
+    page.get_by_label("Target z").fill("500")
+    page.locator("[data-path='trajectory.target_mm'] .problem").wait_for()  # before anything was submitted
+    assert page.evaluate("document.activeElement.id") == focus
+    assert page.locator("#messages .notice").count() == 0
+    page.get_by_label("Target z").fill("60")
+    page.locator("[data-path='trajectory.target_mm'] .problem").wait_for(state="detached")
     page.get_by_label("Kind").first.select_option("sine")
     page.get_by_label("Amplitude").first.fill("5")
     assert len((page.locator("#drawing .path").first.get_attribute("points") or "").split()) > 100
     page.get_by_role("button", name="Clear").click()
     assert page.locator("#drawing title").text_content() == before
+
+
+def test_jobs_are_chosen_in_the_list_and_shown_side_by_side(page: Page, server: Server) -> None:
+    ids = [server.client.submit({"name": f"brisk {name}"}).id for name in ("a", "b")]
+    for job in ids:
+        server.client.wait(job)
+    page.goto("/?q=brisk")
+    page.get_by_label("Choose brisk a").check()
+    assert page.locator("#side-by-side").is_hidden()
+    page.get_by_label("Choose brisk b").check()
+    page.evaluate("document.dispatchEvent(new CustomEvent('changed'))")  # the list is read again
+    page.get_by_role("link", name="Show side by side").click()
+    for name in ("error", "rcm", "force", "drag"):
+        page.locator(f"#plot-{name} canvas").wait_for()
+    until(lambda: "brisk b" in page.locator("#plot-force .u-legend").inner_text())
+    assert "brisk a" in (page.locator("#plot-error").get_attribute("aria-label") or "")
+    page.get_by_label("over time").check()
+    page.locator("#plot-error", has_text="time").wait_for()
 
 
 def test_a_scenario_survives_the_form(page: Page, server: Server) -> None:
@@ -141,6 +241,7 @@ def test_the_list_follows_jobs_and_filters(page: Page, server: Server) -> None:
     row.locator(".state.running").wait_for()
     until(lambda: page.evaluate(f"document.querySelector(\"tr[data-key='{job.id}'] progress\").value") > 0.1)
     row.get_by_role("button", name="Cancel").click()
+    page.get_by_role("button", name="Yes").click()
     row.locator(".state.cancelled").wait_for()
     page.get_by_role("navigation", name="Filter by state").get_by_role("link", name=re.compile("cancelled")).click()
     page.wait_for_url("**/?state=cancelled")
@@ -294,6 +395,25 @@ def test_text_has_contrast_light_and_dark_and_nothing_overflows(browser: Browser
             assert not faint, (address, scheme, faint)
         background = page.evaluate("getComputedStyle(document.body).backgroundColor")
         assert (sum(map(int, re.findall(r"\d+", background)[:3])) < 200) == (scheme == "dark")
+
+
+def test_long_names_make_no_page_scroll_sideways_and_wide_tables_do_so_by_keys(page: Page, server: Server) -> None:
+    arms = [{"kind": "ifem"}, {"kind": "plugin", "name": LONG, "settings": {"does": "nothing"}}]
+    grid = {"controller": arms, "trajectory.target_mm": [[18, 31, 30], [18, 31, 31]]}
+    campaign = server.client.start_campaign({"name": LONG, "grid": grid})
+    server.client.wait_campaign(campaign.id)
+    for address in (f"/compare?a={campaign.id}&every=1", f"/campaigns/{campaign.id}", f"/trends/{LONG}"):
+        page.goto(address)
+        page.evaluate("for (const one of document.querySelectorAll('details')) one.open = true")
+        for width in (390, 1440):
+            page.set_viewport_size({"width": width, "height": 900})
+            assert page.evaluate("document.documentElement.scrollWidth <= innerWidth"), (address, width)
+        page.set_viewport_size({"width": 390, "height": 900})
+        table = page.locator(".table[role=region][tabindex='0']").first
+        table.focus()
+        for _ in range(5):
+            page.keyboard.press("ArrowRight")
+        page.wait_for_function("document.activeElement.scrollLeft > 0")
 
 
 def test_a_service_that_is_away_is_told(browser: Browser, server: Server) -> None:

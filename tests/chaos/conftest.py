@@ -14,9 +14,9 @@ if TYPE_CHECKING:
     from collections.abc import Iterator
 
 MOMENTS, SEED = "NEEDLEBENCH_CHAOS_MOMENTS", "NEEDLEBENCH_CHAOS_SEED"
-REQUESTS = "NEEDLEBENCH_CHAOS_REQUESTS"
+REQUESTS, MESHES = "NEEDLEBENCH_CHAOS_REQUESTS", "NEEDLEBENCH_CHAOS_MESHES"
 CLIENTS, SECONDS, JOBS = "NEEDLEBENCH_CHAOS_CLIENTS", "NEEDLEBENCH_CHAOS_SECONDS", "NEEDLEBENCH_CHAOS_JOBS"
-_SHORT, _FEW, _SHORT_CAMPAIGN = "3", "400", "30"
+_SHORT, _FEW, _FEW_MESHES, _SHORT_CAMPAIGN = "3", "400", "22", "30"
 _ELSEWHERE = {
     "tests/acceptance/test_disk.py": "disk full, read-only, locked; the clock",
     "tests/service/api/test_hostile.py": "hostile input",
@@ -62,6 +62,12 @@ def moments() -> int:
 def requests() -> int:
     """How many requests are generated."""
     return int(os.environ.get(REQUESTS, _FEW))
+
+
+@pytest.fixture
+def meshes() -> int:
+    """How many mesh files are changed and read."""
+    return int(os.environ.get(MESHES, _FEW_MESHES))
 
 
 @pytest.fixture

@@ -80,11 +80,11 @@ ALL = (*FAILS, *HANGS, *LEAVES, *OTHERS)
 SHORT = ("ends its process", "forks apart", "leaves files open", "floods", "hangs in C")
 
 
-def install(folder: Path) -> Path:
+def install(folder: Path, name: str = NAME) -> Path:
     """Into a folder that is then to be on the path of every process; the folder."""
-    info = folder / f"{NAME}-1.0.dist-info"
+    info = folder / f"{name}-1.0.dist-info"
     info.mkdir(parents=True)
-    (info / "METADATA").write_text(f"Metadata-Version: 2.1\nName: {NAME}\nVersion: 1.0\n")
-    (info / "entry_points.txt").write_text(f"[{GROUP}]\n{NAME} = {NAME}_package:Misbehaves\n")
-    (folder / f"{NAME}_package.py").write_text(_MODULE)
+    (info / "METADATA").write_text(f"Metadata-Version: 2.1\nName: {name}\nVersion: 1.0\n")
+    (info / "entry_points.txt").write_text(f"[{GROUP}]\n{name} = {name}_package:Misbehaves\n")
+    (folder / f"{name}_package.py").write_text(_MODULE)
     return folder

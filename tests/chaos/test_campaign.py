@@ -29,11 +29,13 @@ _TINY: dict[str, Any] = {  # as short as an insertion can well be
     "name": "tiny",
     "tissue": {"element_size_mm": 20},
     "trajectory": {"kind": "line", "target_mm": [18, 31, 5]},
+    "noise_mm": 0.01,  # seeds that change nothing are refused
     "recording": {"enabled": False},
 }
 _SHORT: dict[str, Any] = {  # what a laboratory would call so: the default mesh and step, 12 mm deep, 0.3 s of CPU
     "name": "short",
     "trajectory": {"kind": "line", "target_mm": [18, 31, 12]},
+    "noise_mm": 0.01,
     "recording": {"enabled": False},
 }
 _PAGE = 1000  # events in an answer

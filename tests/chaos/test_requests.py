@@ -6,6 +6,7 @@ import http.client
 import json
 import re
 from collections import Counter, defaultdict
+from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
 from hypothesis import HealthCheck, Phase, Verbosity, given, seed, settings
@@ -14,6 +15,7 @@ from hypothesis import strategies as st
 from tests.acceptance.server import Server, running_server, until
 from tests.chaos.flat import Held
 from tests.chaos.hostile import IDS, KNOWN, PAGES, allowed_and_forbidden, malicious
+from tests.chaos.near_limits import UPLOAD_MB, near_limits
 from tests.chaos.wire import Request, ask
 
 if TYPE_CHECKING:
@@ -27,7 +29,7 @@ _KEY = "chaos"
 _WARM = 0.1  # share of the requests after which the first sample is taken
 _MORE_DESCRIPTORS = 20  # [ours] threads each keep a connection to the database: three descriptors
 _FIRST_MB = 75.0  # [ours] since the first sample: what is imported at its first use (SciPy, 40 MB), and the allocator
-_AGAIN_MB, _AGAIN_KB = 5.0, 1.0  # [ours] by all requests once more, of which nothing is new; or so much by each of them
+_AGAIN_MB, _AGAIN_KB = 10.0, 1.0  # [ours] by all requests a third time, of which nothing is new; or by each
 _PROBLEM, _HTML = "application/problem+json", "text/html"
 
 
@@ -67,7 +69,7 @@ class Asker:
         headers = request.headers
         if self._chance.random() < 0.98 and not any(name.lower() == "authorization" for name, _ in headers):
             headers = (*headers, ("Authorization", f"Bearer {_KEY}"))
-        return Request(request.method, target, headers, request.body)
+        return replace(request, target=target, headers=headers)
 
     def _remember(self, target: str, body: bytes) -> None:
         for path in IDS.values():
@@ -121,31 +123,34 @@ def test_generated_requests(
 ) -> None:
     monkeypatch.setenv("NEEDLEBENCH_RATE_PER_KEY", "0")
     monkeypatch.setenv("NEEDLEBENCH_MAX_QUEUE", "100")
+    monkeypatch.setenv("NEEDLEBENCH_MAX_UPLOAD_MB", str(UPLOAD_MB))
     with running_server(tmp_path, runner="tests.chaos.instant:run_job", api_key=_KEY) as server:
         until(lambda: Held.by(server.process.pid).processes >= 2)
         document = _document(server)
         asker = Asker(server, chance)
-        kinds = [allowed_and_forbidden(document), malicious([*document["paths"], *PAGES])]
+        kinds = [allowed_and_forbidden(document), malicious([*document["paths"], *PAGES]), near_limits()]
         held = []
         for share in (_WARM, 0.5, 1.0):
             while len(asker.asked) < share * requests:
                 missing = round(share * requests) - len(asker.asked)
                 for kind in kinds:
-                    _each(kind, max(1, min(missing // 2, 500)), chance.getrandbits(32), asker)
+                    _each(kind, max(1, min(missing // len(kinds), 500)), chance.getrandbits(32), asker)
             held.append(_at_rest(server))
-        for request in asker.asked[:]:
-            asker(request)
-        held.append(_at_rest(server))
+        every = asker.asked[:]
+        for _ in range(2):
+            for request in every:
+                asker(request)
+            held.append(_at_rest(server))
         assert server.process.poll() is None
     assert not asker.wrong, f"{len(asker.wrong)} of {len(asker.asked)}:\n" + "\n".join(asker.wrong[:40])
-    warm, _, once, twice = held
+    warm, _, _, twice, thrice = held
     figures.update(requests=len(asker.asked), statuses=dict(sorted(asker.statuses.items())), of_500=asker.statuses[500])
     figures.update(processes=[one.processes for one in held], descriptors=[one.descriptors for one in held])
     figures.update(memory_mb=[one.memory_mb for one in held], slowest_s=round(asker.slowest_s, 2))
-    assert warm.processes == once.processes == twice.processes
-    assert twice.descriptors <= warm.descriptors + _MORE_DESCRIPTORS
-    assert once.memory_mb <= warm.memory_mb + _FIRST_MB
-    assert twice.memory_mb <= once.memory_mb + max(_AGAIN_MB, 1e-3 * _AGAIN_KB * requests)
+    assert len({one.processes for one in held}) == 1
+    assert thrice.descriptors <= warm.descriptors + _MORE_DESCRIPTORS
+    assert twice.memory_mb <= warm.memory_mb + _FIRST_MB
+    assert thrice.memory_mb <= twice.memory_mb + max(_AGAIN_MB, 1e-3 * _AGAIN_KB * requests)
 
 
 def _at_rest(server: Server) -> Held:

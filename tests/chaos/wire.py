@@ -10,29 +10,40 @@ from contextlib import suppress
 from dataclasses import dataclass
 from urllib.parse import urlsplit
 
-PATIENCE_S = 20.0
+PATIENCE_S = 120.0  # of a machine that has much else to do
 _STREAM_BYTES = 200  # of an endless answer that are read
 _ENDLESS = "text/event-stream"
 
 
 @dataclass(frozen=True)
 class Request:
-    """One request. target, header names and values: as they go over the wire. body: None = no Content-Length."""
+    """One request. target, header names and values: as they go over the wire. body: None = no Content-Length.
+
+    filler: bytes that come so many times after `body`, before `end`: thousands of large bodies are kept.
+    """
 
     method: str
     target: str
     headers: tuple[tuple[str, str], ...] = ()
     body: bytes | None = None
+    filler: tuple[bytes, int] = (b"", 0)
+    end: bytes = b""
+
+    @property
+    def whole_body(self) -> bytes | None:
+        """What follows the headers."""
+        return None if self.body is None else self.body + self.filler[0] * self.filler[1] + self.end
 
     def encode(self, host: str) -> bytes:
         """The bytes; Host, Content-Length and Connection are added where they are not given."""
         given = {name.lower() for name, _ in self.headers}
         own = {"host": host, "connection": "close"}
-        if self.body is not None and "transfer-encoding" not in given:
-            own["content-length"] = str(len(self.body))
+        body = self.whole_body
+        if body is not None and "transfer-encoding" not in given:
+            own["content-length"] = str(len(body))
         headers = [*((name, value) for name, value in own.items() if name not in given), *self.headers]
         lines = [f"{self.method} {self.target} HTTP/1.1", *(f"{name}: {value}" for name, value in headers)]
-        return "\r\n".join((*lines, "", "")).encode("latin-1", "replace") + (self.body or b"")
+        return "\r\n".join((*lines, "", "")).encode("latin-1", "replace") + (body or b"")
 
 
 @dataclass(frozen=True)

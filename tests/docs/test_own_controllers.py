@@ -8,8 +8,9 @@ import os
 import subprocess
 import sys
 import tomllib
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
+import numpy as np
 import pytest
 
 from tests.docs.snippets import Snippet, snippets
@@ -26,7 +27,7 @@ ARMS = ("ifem", "elm", "pi", "regressor")
 def recipe() -> list[Snippet]:
     """Its blocks: the package, its pyproject.toml, the preparation, the commands."""
     lines = PAGE.read_text(encoding="utf-8").splitlines()
-    begin = lines.index("## Compare your controllers with those there are") + 1
+    begin = lines.index("## Your own controllers in a comparison, in sixty lines") + 1
     end = next(number for number in range(begin, len(lines)) if lines[number].startswith("## ")) + 1
     return [one for one in snippets(PAGE) if begin < one.line < end]
 
@@ -49,14 +50,25 @@ def lay_down(folder: Path) -> None:
     lines = "".join(f"{name} = {value}\n" for name, value in points.items())
     (info / "entry_points.txt").write_text(f"[needlebench.controllers]\n{lines}")
     coarse = ("--set", "tissue.element_size_mm=12", "--set", "dt_s=0.05", "--set", "trajectory.speed_mm_s=50")
-    needlebench(folder, "dataset", "--out", "out/few.npz", "--insertions", "2", *coarse)
+    needlebench(folder, "dataset", "--out", "out/ifem.npz", "--insertions", "2", *coarse)
     subprocess.run([sys.executable, "-c", preparation], cwd=folder, env=environment(folder), check=True)
     paths = json.loads((folder / "paths.json").read_text())
-    for path in paths:
-        path["target_mm"][2] = 12
-    paths[-1]["amplitude_mm"] = 0.2  # as gentle as the recipe's on a path of a third of the length
-    (folder / "paths.json").write_text(json.dumps([paths[0], paths[-1]]))
+    assert [path["kind"] for path in paths] == 10 * ["line"] + 10 * ["sine"] + 10 * ["waypoints"]
+    (folder / "paths.json").write_text(json.dumps([shorter(path) for path in paths[::10]]))
     (folder / "coarse.json").write_text('{"dt_s": 0.02, "tissue": {"element_size_mm": 12}}')
+
+
+def shorter(path: dict[str, Any]) -> dict[str, Any]:
+    """A third of the path, no more bent: what is across it is a ninth."""
+    entry = np.array([18.0, 31.0, 0.0])
+    if path["kind"] == "waypoints":
+        middle, end = np.array(path["points_mm"])
+        across = middle - (entry + end) / 2
+        third = (entry + end) / 2 - entry
+        return {**path, "points_mm": [(entry + third / 3 + across / 9).tolist(), (entry + 2 * third / 3).tolist()]}
+    end = entry + (np.array(path["target_mm"]) - entry) / 3
+    bent = {"amplitude_mm": path["amplitude_mm"] / 9} if path["kind"] == "sine" else {}
+    return {**path, "target_mm": end.tolist(), **bent}
 
 
 def environment(folder: Path) -> dict[str, str]:
@@ -73,17 +85,18 @@ def needlebench(folder: Path, *words: str) -> subprocess.CompletedProcess[str]:
 @pytest.mark.slow
 def test_own_controllers_are_compared_by_one_command(tmp_path: Path) -> None:
     lay_down(tmp_path)
-    _, command = recipe()[-1].commands
-    done = needlebench(tmp_path, *command.split()[1:], "--data", "data")
+    *_, command = recipe()[-1].commands
+    done = needlebench(tmp_path, *command.split()[1:], "--scenario", "coarse.json", "--data", "data")
     with (tmp_path / "table.csv").open() as file:
         table = list(csv.DictReader(file))
     assert {line["arm"] for line in table} == set(ARMS)
-    assert len(table) == 8
+    assert len(table) == 12
     assert all(line["stable"] == "yes" for line in table), [line["message"] for line in table]
     assert len({line["arm_id"] for line in table}) == 4
     assert {line["arm_version"] for line in table if line["arm"] in ("pi", "regressor")} == {"0.1"}
-    assert "pi, line to 14 28 12" in {line["id"] for line in table}
-    assert "sign test over 2 cases: p = 1 (to reach 0.05, 8 are needed)" in done.stdout
+    assert len({line["id"] for line in table if line["id"].startswith("pi, waypoints")}) == 1
+    assert "sign test over 3 cases: p = 1 (to reach 0.05, 8 are needed)" in done.stdout
+    assert "interquartile mean of the RMSE, with 95 % intervals, over the 3 cases that all arms ran" in done.stdout
     assert "the model of the controller was trained" in done.stderr
     assert "constant" not in done.stdout
     page = (tmp_path / "report.html").read_text()

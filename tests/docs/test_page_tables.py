@@ -73,6 +73,7 @@ def test_every_metric_array_and_status_is_on_its_page() -> None:
         assert f"| `{status}` |" in shown
 
 
+@pytest.mark.slow
 def test_every_operation_is_on_the_page_of_the_api() -> None:
     shown = shown_on("http_api.md")
     paths = program("page_tables.interfaces").openapi()["paths"]

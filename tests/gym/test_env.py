@@ -14,7 +14,7 @@ import numpy as np
 import pytest
 from gymnasium.utils.env_checker import check_env
 
-from needlebench.gym import IDS, AbsolutePose, NeedleEnv, ThroughEntry
+from needlebench.gym import IDS, AbsolutePose, NeedleEnv, ThroughEntry, actions_of
 from needlebench.gym.spaces import action_towards, pose_of
 from needlebench.gym.tasks import TASKS
 from simcore.errors import ScenarioError
@@ -46,6 +46,7 @@ def straight(env: NeedleEnv) -> np.ndarray:
     return action_towards(pose, seen.base, env.episode.limits, seen.dt_s)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", IDS)
 @pytest.mark.filterwarnings("ignore:.*render.*:UserWarning")
 def test_gymnasium_finds_nothing_wrong(name: str, tmp_path: Path) -> None:
@@ -54,6 +55,48 @@ def test_gymnasium_finds_nothing_wrong(name: str, tmp_path: Path) -> None:
     made.close()
 
 
+@pytest.mark.parametrize("name", IDS)
+@pytest.mark.filterwarnings("ignore:.*unconventional shape:UserWarning")
+def test_stable_baselines_finds_nothing_wrong(name: str) -> None:
+    """It advises to flatten what has two axes, and no more; its policies for dictionaries do."""
+    checker = pytest.importorskip("stable_baselines3.common.env_checker", reason="stable-baselines3 is not installed")
+    made = gymnasium.make(name, changes=COARSE, render_mode="rgb_array")
+    checker.check_env(made, skip_render_check=False)
+    made.close()
+
+
+@pytest.mark.parametrize("name", IDS)
+@pytest.mark.parametrize("privileged", [False, True])
+def test_what_stable_baselines_asks_of_an_environment(name: str, privileged: bool) -> None:
+    """Its documented rules, without it: a flat dictionary of finite boxes in single precision, actions in -1 ... 1, a
+    reset that takes a seed, plain types, nothing that is not finite."""
+    made = gymnasium.make(name, changes=COARSE, privileged=privileged)
+    space, actions = made.observation_space, made.action_space
+    assert isinstance(space, gymnasium.spaces.Dict)
+    for box in (actions, *space.values()):
+        assert isinstance(box, gymnasium.spaces.Box)
+        assert box.dtype == np.float32
+        assert np.isfinite([box.low, box.high]).all()
+        np.testing.assert_array_equal(box.low, -box.high)
+    assert isinstance(actions, gymnasium.spaces.Box)
+    assert (actions.high == 1.0).all()
+    seen, info = made.reset(seed=0)
+    for _ in range(5):
+        assert isinstance(info, dict)
+        assert list(seen) == list(space)
+        for key, box in space.items():
+            assert (seen[key].dtype, seen[key].shape) == (np.float32, box.shape), key
+            assert np.isfinite(seen[key]).all(), key
+            assert box.contains(seen[key]), key
+        seen, reward, terminated, truncated, info = made.step(
+            0.1 * actions.sample()
+        )  # gently: a loose needle loses its target
+        assert (type(reward), type(terminated), type(truncated)) == (float, bool, bool)
+        assert math.isfinite(reward)
+    made.close()
+
+
+@pytest.mark.slow
 def test_the_ids_are_those_of_the_tasks_and_import_themselves() -> None:
     assert tuple(f"needlebench/{task}-v0" for task in ("Line", "Curve", "Breathing", "Mismatch", "Reach")) == IDS
     code = (
@@ -88,6 +131,7 @@ def test_without_a_seed_every_reset_is_another_episode(env: NeedleEnv) -> None:
     assert len({env.reset()[1]["scenario"]["seed"] for _ in range(3)}) == 3
 
 
+@pytest.mark.slow
 def test_an_episode_of_an_environment_is_a_run_of_its_commands(env: NeedleEnv) -> None:
     """The same series as of a replay of its commands, and the metrics of result.json."""
     scenario = short(robot={"max_speed_mm_s": 50})
@@ -108,6 +152,25 @@ def test_an_episode_of_an_environment_is_a_run_of_its_commands(env: NeedleEnv) -
     ]
     again = run(Scenario.load({**scenario.resolved(), "controller": {"kind": "replay", "poses": poses}}))
     np.testing.assert_allclose(again.series["tip_m"], rollout.series["tip_m"], atol=1e-7)
+
+
+def test_the_actions_of_a_run_lead_the_environment_along_it(env: NeedleEnv) -> None:
+    """What the robot did, limits included, as actions: the environment shows what the run's controller saw."""
+    scenario = short(robot={"max_speed_mm_s": 20, "max_turn_deg_s": 5})
+    done = run(scenario)
+    assert done.series["limited"].any()
+    actions = actions_of(done)
+    assert actions.shape == (STEPS, 6)
+    assert actions.dtype == np.float32
+    assert np.abs(actions).max() <= 1.0
+    env.reset(options={"scenario": scenario})
+    for action in actions:
+        _, _, _, ended, info = env.step(action)
+    assert ended
+    assert info["status"] == "completed"
+    assert env.rollout is not None
+    np.testing.assert_allclose(env.rollout.series["tip_m"], done.series["tip_m"], atol=2e-7)
+    np.testing.assert_allclose(env.rollout.series["target_noisy_m"], done.series["target_noisy_m"], atol=1e-12)
 
 
 def test_observations_are_what_a_controller_sees(env: NeedleEnv) -> None:
@@ -221,6 +284,7 @@ def test_an_action_is_the_twist_that_the_robot_can_make(env: NeedleEnv) -> None:
 # ---- pictures
 
 
+@pytest.mark.slow
 def test_a_picture_shows_block_path_and_needle(env: NeedleEnv) -> None:
     env.reset(options={"scenario": short()})
     first = env.render()
@@ -285,6 +349,49 @@ def test_poses_are_reached_as_fast_as_the_robot_may(env: NeedleEnv) -> None:
     np.testing.assert_allclose(env.episode.state.base.rotation, goal.rotation, atol=1e-6)
     _, _, terminated, _, info = wrapped.step(np.full(7, math.nan))
     assert (terminated, info["status"]) == (True, "controller_failed")
+
+
+@pytest.mark.parametrize(
+    ("wrapper", "action", "told"),
+    [
+        (AbsolutePose, [18.0, 31.0, -180.0, 1, 0, 0, 0], "position_m = [18.0, 31.0, -180.0]"),
+        (AbsolutePose, [18.0, 31.0, -180.0, 1, 0, 0, 0], "looks like millimetres"),
+        (AbsolutePose, [0, 0, -1200, 1, 0, 0, 0], "at most 10 m are allowed"),
+        (AbsolutePose, [0, 0, math.inf, 1, 0, 0, 0], "[0.0, 0.0, inf, 1.0, 0.0, 0.0, 0.0], values that are not finite"),
+        (ThroughEntry, [0, math.nan, 0.1], "[0.0, nan, 0.1], values that are not finite"),
+    ],
+)
+def test_what_no_robot_can_do_ends_an_episode_by_name(
+    env: NeedleEnv, wrapper: type[AbsolutePose], action: list[float], told: str
+) -> None:
+    """With step and value, through whatever wraps the wrapper; what was before is kept."""
+    wrapped = gymnasium.wrappers.RecordEpisodeStatistics(wrapper(env))
+    wrapped.reset(options={"scenario": short()})
+    env.step(straight(env))
+    _, _, terminated, _, info = wrapped.step(np.array(action))
+    assert (terminated, info["status"]) == (True, "controller_failed")
+    assert info["message"].startswith("step 2 of 41, depth")
+    assert told in info["message"]
+    assert env.rollout is not None
+    assert len(env.rollout.series["t_s"]) == 2
+    with pytest.raises(RuntimeError, match="the episode is over after 1 steps"):
+        wrapped.step(np.array(action))
+    wrapped.reset(options={"scenario": short()})
+    env.step(straight(env))
+    assert env.episode.status == "completed"
+
+
+@pytest.mark.parametrize(("wrapper", "size"), [(AbsolutePose, 7), (ThroughEntry, 3)])
+def test_an_action_of_another_shape_is_refused_with_the_step(
+    env: NeedleEnv, wrapper: type[AbsolutePose], size: int
+) -> None:
+    wrapped = wrapper(env)
+    wrapped.reset(options={"scenario": short()})
+    with pytest.raises(ValueError, match=rf"step 0: the action has the shape \(6,\), not \({size},\)"):
+        wrapped.step(np.zeros(6))
+    with pytest.raises(ValueError, match="step 0: the action is 'left', no array of numbers"):
+        wrapped.step("left")
+    assert env.episode.step_number == 0
 
 
 def test_a_wrapper_refuses_another_environment() -> None:

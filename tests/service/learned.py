@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import io
+import zipfile
 from typing import Any
 
 import numpy as np
@@ -36,3 +37,16 @@ def model_bytes(kind: str, **settings: Any) -> bytes:
     """A model that was trained on `dataset()`."""
     model = train_model(dataset(), new_regressor(kind, settings), split="sample", data_sha256="0" * 64).model
     return model.text().encode()
+
+
+def npz_member(data: bytes, name: str = "w.npy") -> bytes:
+    """A compressed .npz with one member."""
+    file = io.BytesIO()
+    with zipfile.ZipFile(file, "w", zipfile.ZIP_DEFLATED) as archive:
+        archive.writestr(name, data)
+    return file.getvalue()
+
+
+def npz_bomb() -> bytes:
+    """A small .npz that unpacks to 300 MB. To make one takes seconds: not while tests are collected."""
+    return npz_member(b"\x00" * 300_000_000)

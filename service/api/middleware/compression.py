@@ -12,7 +12,6 @@ from starlette.types import ASGIApp, Message, Receive, Scope, Send
 LEAST_BYTES = 1000
 _LEVEL = 5
 _TEXT = re.compile(r"(text/(?!event-stream)|application/([a-z.]+\+)?json|text/csv|image/svg)")
-_GZIP = re.compile(r"(?:^|,)\s*(?:gzip|\*)\s*(?:;\s*q=([0-9.]+))?\s*(?=,|$)", re.IGNORECASE)
 
 
 class Compression:
@@ -51,10 +50,14 @@ class Compression:
 
 
 def accepts_gzip(header: str) -> bool:
-    """Whether an Accept-Encoding header takes gzip; a quality of 0 refuses it."""
-    found = _GZIP.search(header)
+    """Whether an Accept-Encoding header takes gzip, by its name or else by `*`; a quality of 0 refuses it."""
+    qualities: dict[str, str] = {}
+    for item in header.lower().split(","):
+        coding, _, parameter = item.partition(";")
+        name, _, value = parameter.partition("=")
+        qualities[coding.strip()] = value.strip() if name.strip() == "q" else "1"
     try:
-        return found is not None and float(found[1] or 1) > 0
+        return float(qualities.get("gzip", qualities.get("*", "0"))) > 0
     except ValueError:
         return False
 

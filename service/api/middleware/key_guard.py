@@ -19,6 +19,7 @@ from service.store.errors import OperationalError
 from service.store.keys import Keys
 
 PEER = "needlebench.peer"  # in the scope of a request: says whether the service's own account is at the other end
+_SESSION = f"{SESSION_COOKIE}=".encode()
 _OF_EVERY_SCOPE = frozenset({"/logout"})
 _NO_KEY = (
     "this service requires a key: send it as Authorization: Bearer KEY, or log in at /login; "
@@ -50,6 +51,7 @@ class KeyGuard:
         if scope["type"] != "http":
             await self._app(scope, receive, send)
             return
+        scope = _without_foreign_cookies(scope)
         request = Request(scope)
         try:
             caller = await self._caller(request)
@@ -106,6 +108,17 @@ class KeyGuard:
             detail = "too many requests with this key"
             return problem_response(429, detail, instance=path, headers=headers, code="rate-exceeded")
         return None
+
+
+def _without_foreign_cookies(scope: Scope) -> Scope:
+    """With no cookie but that of a session. The framework reads all of them at every request, and the standard library
+    takes long over one that is full of backslashes."""
+    headers = [(name, value) for name, value in scope["headers"] if name != b"cookie"]
+    if len(headers) == len(scope["headers"]):
+        return scope
+    sent = (part.strip() for name, value in scope["headers"] if name == b"cookie" for part in value.split(b";"))
+    own = [part for part in sent if part.startswith(_SESSION) and b"\\" not in part]
+    return {**scope, "headers": [*headers, *((b"cookie", part) for part in own[:1])]}
 
 
 def _stranger(request: Request, own: bool | None) -> Response:

@@ -7,9 +7,9 @@ from typing import Annotated
 
 from fastapi import APIRouter, Query, Request, Response, status
 
-from benchmarks.paper.suites import suite_names
 from benchmarks.paper.table import insertions_csv, rows
-from service.admission.campaign_planner import CampaignRequest, estimated_time_s
+from benchmarks.suites.catalogue import suite_names
+from service.admission.campaign_planner import CampaignRequest
 from service.api.context import Service, ServiceOf
 from service.api.json_bodies import JsonBodyRoute
 from service.api.openapi import documented
@@ -77,8 +77,7 @@ def create_campaign(
     plan = service.planner.plan(body)
     if dry_run:
         response.status_code = status.HTTP_200_OK
-        seconds = estimated_time_s(plan, step_s=service.store.step_s(), workers=service.settings.workers)
-        return CampaignDryRun.of(plan, seconds=seconds)
+        return CampaignDryRun.of(plan, service.pace.pace(), workers=service.settings.workers)
     campaign = service.campaigns.create(plan, owner=request.state.caller.key_id)
     service.engine.wake()
     response.headers["Location"] = f"/api/v1/campaigns/{campaign.id}"

@@ -8,6 +8,7 @@ from contextlib import suppress
 from typing import Annotated
 
 from fastapi import APIRouter, Header, Query, Request, Response, status
+from fastapi.responses import JSONResponse
 
 from service.admission.admission import admit
 from service.admission.cost import time_limit_s
@@ -17,7 +18,7 @@ from service.api.job_view_cache import EncodedJob
 from service.api.json_bodies import JsonBodyRoute
 from service.api.openapi import documented
 from service.api.parameters import Cursor, JobId
-from service.api.schemas.jobs import JobPage, JobRequest, JobSummary, JobView, Outcome, State
+from service.api.schemas.jobs import JobDryRun, JobPage, JobRequest, JobSummary, JobView, Outcome, State
 from service.store.job import Job, content_hash
 from service.store.paging import read_page
 
@@ -33,19 +34,26 @@ LOCATION = {"Location": {"description": "Address of the job.", "schema": {"type"
     operation_id="submit_job",
     summary="Submit a job",
     status_code=status.HTTP_202_ACCEPTED,
-    response_model=JobView,
-    responses={202: {"description": "Queued.", "headers": LOCATION}, **documented(400, 403, 413, 415, 503)},
+    response_model=JobView | JobDryRun,
+    responses={
+        200: {"model": JobDryRun, "description": "The dry run."},
+        202: {"model": JobView, "description": "Queued.", "headers": LOCATION},
+        **documented(400, 403, 413, 415, 503),
+    },
 )
 def submit_job(
     body: JobRequest,
     service: ServiceOf,
     request: Request,
     idempotency_key: IdempotencyKey = None,
+    dry_run: Annotated[bool, Query(description="Only check the scenario and say what it would take.")] = False,
 ) -> Response:
     """Queue one insertion. The scenario is checked first, and each wrong field is named."""
     service.refuse_when_closing()
     request.state.caller.require_priority(body.priority)
     admitted = admit(body.scenario, service.settings.uploads, service.settings.limits)
+    if dry_run:
+        return JSONResponse(JobDryRun.of(admitted, service.pace.pace()).model_dump(mode="json"))
     resolved = admitted.resolved
     owner = request.state.caller.key_id
     job = service.store.submit(
@@ -77,14 +85,24 @@ def list_jobs(
     name: Annotated[str | None, Query(max_length=100, description="Only jobs of this name.")] = None,
     campaign: Annotated[str | None, Query(max_length=32, description="Only insertions of this campaign.")] = None,
     outcome: Annotated[Outcome | None, Query(description="Only jobs that finished with this outcome.")] = None,
+    search: Annotated[
+        str, Query(alias="q", max_length=100, description="A part of the name, or the beginning of the id.")
+    ] = "",
     limit: Annotated[int, Query(ge=1, le=200, description="Most items of the page.")] = 50,
     cursor: Cursor = None,
 ) -> JobPage:
     """A page of jobs, without their scenarios and results."""
 
     def newest(most: int, before: int | None) -> list[Job]:
-        wanted = {"state": state, "outcome": outcome, "name": name, "campaign": campaign}
-        return service.store.newest(**wanted, limit=most, before=before)
+        return service.store.newest(
+            state=state,
+            outcome=outcome,
+            name=name,
+            campaign=campaign,
+            containing=search.strip(),
+            limit=most,
+            before=before,
+        )
 
     page = read_page(newest, size=limit, cursor=cursor)
     return JobPage(items=[JobSummary.of(job) for job in page.items], next_cursor=page.next_cursor)

@@ -9,6 +9,7 @@ from typing import Annotated, Any, Literal, Self
 from pydantic import BaseModel, ConfigDict, Field, StringConstraints, model_validator
 
 from benchmarks.paper.comparison import as_json
+from service.admission.pace import Pace
 from service.api.root_path import rooted
 from service.api.schemas.timestamps import utc
 from service.campaigns.cases import CaseResult
@@ -92,7 +93,8 @@ class CampaignPage(BaseModel):
 
 
 class CampaignDryRun(BaseModel):
-    """What a campaign would run. seconds: estimate for all of it on the service's workers, nothing else running."""
+    """What a campaign would run. seconds: wall time of all of it on the service's workers, nothing else running, with
+    the band in which it lies by the pace of the last `measured_on` insertions."""
 
     name: str
     suite: str
@@ -100,11 +102,15 @@ class CampaignDryRun(BaseModel):
     jobs: int
     steps: int
     seconds: float
+    seconds_low: float
+    seconds_high: float
+    measured_on: int
     first: list[str] = Field(description="Ids of the first cases.")
 
     @classmethod
-    def of(cls, plan: CampaignPlan, *, seconds: float) -> Self:
+    def of(cls, plan: CampaignPlan, pace: Pace, *, workers: int) -> Self:
         """The JSON of a plan."""
+        low, seconds, high = pace.seconds(plan.cost_s / workers)
         return cls(
             name=plan.name,
             suite=plan.suite,
@@ -112,6 +118,9 @@ class CampaignDryRun(BaseModel):
             jobs=len(plan.jobs),
             steps=sum(job.steps for job in plan.jobs),
             seconds=seconds,
+            seconds_low=low,
+            seconds_high=high,
+            measured_on=pace.insertions,
             first=[job.case_id for job in plan.jobs[:10]],
         )
 

@@ -7,6 +7,8 @@ from typing import Annotated, Any, Literal, Self
 
 from pydantic import BaseModel, ConfigDict, Field, WithJsonSchema, field_validator
 
+from service.admission.admission import AdmittedScenario
+from service.admission.pace import Pace
 from service.api.root_path import rooted
 from service.api.schemas.timestamps import utc
 from service.store.job import FINISHED, INSERTION, TIME_LIMIT, TRAINING, Artefact, Event, Job, TimeLimit
@@ -63,6 +65,36 @@ class JobRequest(BaseModel):
         if not isinstance(value, dict | str):
             raise ValueError("must be a scenario (an object) or the name of a built-in one")
         return value
+
+
+class JobDryRun(BaseModel):
+    """What a job would take. seconds: wall time once it runs, with the band in which it lies by the pace of the last
+    `measured_on` insertions of this service; without any, by the processors that the estimate was fitted on."""
+
+    name: str
+    steps: int
+    nodes: int
+    memory_mb: float
+    seconds: float
+    seconds_low: float
+    seconds_high: float
+    measured_on: int
+
+    @classmethod
+    def of(cls, admitted: AdmittedScenario, pace: Pace) -> Self:
+        """The JSON of a scenario that may be queued."""
+        cost = admitted.cost
+        low, seconds, high = pace.seconds(cost.time_s)
+        return cls(
+            name=admitted.name,
+            steps=admitted.steps,
+            nodes=cost.nodes,
+            memory_mb=cost.memory_mb,
+            seconds=seconds,
+            seconds_low=low,
+            seconds_high=high,
+            measured_on=pace.insertions,
+        )
 
 
 class Progress(BaseModel):

@@ -58,11 +58,14 @@ export function quiet() {
   document.getElementById("messages").replaceChildren();
 }
 
-/** Mark the fields below `root` that an answer names; other errors are shown above the page. */
-export function mark(root, answer, attribute, prefix = "") {
+/**
+ * Mark the fields below `root` that an answer names; other errors are shown above the page, and the first field gets the focus.
+ * aside: only mark, for an answer that nobody asked for.
+ */
+export function mark(root, answer, attribute, prefix = "", { aside = false } = {}) {
   unmark(root);
   const errors = answer.data?.errors;
-  if (!errors) return refuse(answer);
+  if (!errors) return aside ? undefined : refuse(answer);
   const rest = [];
   let first = null;
   for (const { field, message } of errors) {
@@ -79,9 +82,10 @@ export function mark(root, answer, attribute, prefix = "") {
       control.setAttribute("aria-describedby", `${control.dataset.described} ${note.id}`.trim());
     }
     (holder.matches("input, select, textarea") ? holder.parentElement : holder).append(note);
-    for (let around = holder.closest("details"); around; around = around.parentElement.closest("details")) around.open = true;
+    for (let around = aside ? null : holder.closest("details"); around; around = around.parentElement.closest("details")) around.open = true;
     first ??= controls[0];
   }
+  if (aside) return undefined;
   const count = errors.length === 1 ? "One field needs" : `${errors.length} fields need`;
   const all = errors.map(({ field, message }) => (field ? `${field}: ${message}` : message));
   tell(first ? `${count} another value.` : errorText(answer), { items: first ? all : rest.length > 1 ? rest : [] });
@@ -133,4 +137,19 @@ document.addEventListener("click", async (event) => {
   else if (goto) { location.assign(goto); return; }
   else quiet();
   document.dispatchEvent(new CustomEvent("changed"));
+});
+
+document.addEventListener("click", async ({ target }) => {
+  const button = target.closest("button[data-copy]");
+  if (!button) return;
+  const text = document.getElementById(button.dataset.copy).textContent;
+  const before = button.firstChild.textContent;
+  try {
+    await navigator.clipboard.writeText(text);
+    button.firstChild.textContent = "Copied";
+  } catch { // a page that is not of this machine and not https may not write there
+    getSelection().selectAllChildren(document.getElementById(button.dataset.copy));
+    button.firstChild.textContent = "Selected";
+  }
+  setTimeout(() => { button.firstChild.textContent = before; }, 2000);
 });

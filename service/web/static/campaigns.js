@@ -22,7 +22,7 @@ form.addEventListener("submit", async (event) => {
   start.disabled = false;
   start.textContent = `Start ${estimate.jobs} ${estimate.jobs === 1 ? "job" : "jobs"}`;
   const jobs = estimate.jobs === 1 ? "1 job" : `${estimate.jobs.toLocaleString("en")} jobs`;
-  const text = `${estimate.name}: ${jobs}, ${estimate.steps.toLocaleString("en")} steps, about ${span(estimate.seconds)} if nothing else runs. First cases: ${estimate.first.slice(0, 5).join(", ")}.`;
+  const text = `${estimate.name}: ${jobs}, ${estimate.steps.toLocaleString("en")} steps, about ${span(estimate.seconds)} (${span(estimate.seconds_low)} to ${span(estimate.seconds_high)}) if nothing else runs. First cases: ${estimate.first.slice(0, 5).join(", ")}.`;
   plan.append(Object.assign(document.createElement("p"), { className: "notice good", textContent: text }));
   start.focus();
   plan.scrollIntoView({ block: "nearest" });

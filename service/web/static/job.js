@@ -55,9 +55,14 @@ function begin() {
   if (path.depth.length) drawLive();
 }
 
+/** The axis of depths, live and afterwards: as far as the path leads. */
+function overDepth() {
+  const planned = Number(document.getElementById("plots").dataset.depthMm);
+  return { label: "depth, mm", unit: "mm", range: planned > 0 ? [0, planned] : null };
+}
+
 function drawLive() {
-  const points = path.depth.length < 60 ? 4 : 0;
-  const x = { label: "depth, mm", unit: "mm" };
+  const x = overDepth();
   const worst = Math.max(...path.error);
   const strongest = Math.max(...path.force.filter((v) => v !== null));
   const force = path.force.at(-1);
@@ -66,8 +71,8 @@ function drawLive() {
     data: [path.depth, path.error, path.lateral],
     x,
     series: [
-      { label: "tip error", unit: "mm", digits: 3, stroke: "--plot-1", points },
-      { label: "distance from the path", unit: "mm", digits: 3, stroke: "--plot-3", points },
+      { label: "tip error", unit: "mm", digits: 3, stroke: "--plot-1", dots: 4 },
+      { label: "distance from the path", unit: "mm", digits: 3, stroke: "--plot-3", dots: 4 },
     ],
     sentence: `Tip error over depth: ${figure(path.error.at(-1), 3)} mm now, ${figure(worst, 3)} mm at most.`,
     caption: `So far ${figure(worst, 3)} mm at most.`,
@@ -77,7 +82,7 @@ function drawLive() {
   draw(document.getElementById("plot-force"), {
     data: [path.depth, path.force],
     x,
-    series: [{ label: "insertion force", unit: "N", digits: 3, stroke: "--plot-2", points }],
+    series: [{ label: "insertion force", unit: "N", digits: 3, stroke: "--plot-2", dots: 4 }],
     sentence: `Insertion force over depth: ${force.toFixed(3)} N now, ${strongest.toFixed(3)} N at most.`,
     caption: `So far ${strongest.toFixed(3)} N at most.`,
   });
@@ -102,9 +107,9 @@ async function loadSeries() {
 const NOTES = { error: ", from the tip to the target of its step", force: "" };
 
 function drawSeries() {
-  const depth = document.getElementById("over-depth").checked;
+  const depth = !document.getElementById("over-time").checked;
   const order = depth ? deepening(series.depth) : series.time.map((_, i) => i);
-  const x = depth ? { label: "depth, mm", unit: "mm" } : { label: "time, s", unit: "s" };
+  const x = depth ? overDepth() : { label: "time, s", unit: "s" };
   const along = order.map((i) => (depth ? series.depth[i] : series.time[i]));
   for (const [name, title, unit, digits, stroke] of [["error", "Tip error", "mm", 3, "--plot-1"], ["force", "Insertion force", "N", 3, "--plot-2"]]) {
     const values = order.map((i) => series[name][i]);
@@ -130,7 +135,7 @@ function deepening(depths) {
 
 function settle() {
   const { state, terminal, plotted, plotAtOnce, recorded } = job().dataset;
-  if (terminal === "true") document.getElementById("plots").hidden = plotted !== "true";
+  if (terminal === "true") document.getElementById("plots").hidden = plotted !== "true" && !path.depth.length; // what ended early keeps its plots
   if (state === "queued") { forget(); document.getElementById("plots").hidden = true; }
   if (terminal !== "true" && !source) listen();
   if (terminal === "true" && source) { source.close(); source = null; }
@@ -153,7 +158,7 @@ function listen() {
 }
 
 document.addEventListener("refreshed", settle);
-document.getElementById("over-depth").addEventListener("change", drawSeries);
+document.getElementById("over-time").addEventListener("change", drawSeries);
 document.getElementById("draw").addEventListener("click", loadSeries);
 
 /** Address of the viewer with the recording of this job in it. */

@@ -38,3 +38,25 @@ setInterval(() => {
   readiness();
 }, 3000);
 readiness();
+
+const MOST = 6; // jobs side by side
+const chosen = new Set();
+
+/** Which jobs are chosen to be shown side by side; they stay chosen while the list is read again. */
+function pick() {
+  for (const box of document.querySelectorAll("#jobs input[name=job]")) box.checked = chosen.has(box.value);
+  document.getElementById("picked").hidden = chosen.size === 0;
+  const link = document.getElementById("side-by-side");
+  const fits = chosen.size >= 2 && chosen.size <= MOST;
+  link.href = at(`/side-by-side?${new URLSearchParams([...chosen].map((job) => ["job", job]))}`);
+  link.toggleAttribute("hidden", !fits);
+  document.getElementById("picked-count").textContent = `${chosen.size} chosen${fits ? "" : `; 2 to ${MOST} can be shown side by side`}`;
+}
+
+document.addEventListener("change", ({ target }) => {
+  if (target.name !== "job") return;
+  if (target.checked) chosen.add(target.value);
+  else chosen.delete(target.value);
+  pick();
+});
+document.addEventListener("refreshed", pick);

@@ -119,6 +119,7 @@ function update() {
     group.querySelector("[data-count]").textContent = count ? `${count} set` : "";
   }
   picture();
+  ask();
 }
 
 function picture() {
@@ -139,10 +140,33 @@ function picture() {
   const time = kind === "reach" ? now("trajectory.time_s") : length(points) / now("trajectory.speed_mm_s");
   const steps = Array.isArray(poses) ? poses.length : Math.ceil(time / now("dt_s") - 1e-9);
   const cells = size.map((v) => Math.max(1, Math.round(v / now("tissue.element_size_mm")))).reduce((a, b) => a * b, 1);
-  const pace = form.dataset.measured === "true" ? "at the pace of recent jobs" : "at a typical pace";
   const mesh = now("tissue.mesh_file") ? "a mesh from a file" : `${cells.toLocaleString("en")} cells`;
-  document.getElementById("estimate").textContent = Number.isFinite(steps) ? `${length(points).toFixed(1)} mm, ${steps.toLocaleString("en")} steps, ${mesh}; about ${span(steps * Number(form.dataset.step))} ${pace}.` : "";
+  document.getElementById("length").textContent = Number.isFinite(steps) ? `${length(points).toFixed(1)} mm, ${steps.toLocaleString("en")} steps, ${mesh}.` : "";
 }
+
+const PAUSE_MS = 500; // after the last change before the service is asked
+let asked = 0; // number of the latest question
+let pause;
+
+/** Ask the service what the job would take; what it would refuse is marked at its field, before Submit. */
+function ask() {
+  clearTimeout(pause);
+  pause = setTimeout(async () => {
+    const mine = ++asked;
+    const answer = await send(at("/api/v1/jobs?dry_run=1"), { body: body() });
+    if (mine !== asked || sending) return; // an answer to something else
+    const estimate = document.getElementById("estimate");
+    if (answer.ok) {
+      const { seconds, seconds_low, seconds_high, measured_on } = answer.data;
+      const pace = measured_on ? `by the pace of the latest ${measured_on === 1 ? "insertion" : `${measured_on} insertions`} here` : "before anything was measured on this machine";
+      estimate.textContent = `About ${span(seconds)}, between ${span(seconds_low)} and ${span(seconds_high)}, ${pace}.`;
+    } else estimate.textContent = "";
+    if (answer.ok) unmark(form);
+    else if (answer.status === 422) mark(form, answer, "data-path", "@", { aside: true });
+  }, PAUSE_MS);
+}
+
+let sending = false;
 
 document.getElementById("preset").addEventListener("change", ({ target }) => {
   fill(target.value === "@given" ? given : { ...(presets[target.value] ?? {}) });
@@ -157,10 +181,11 @@ form.addEventListener("submit", async (event) => {
   event.preventDefault();
   const button = form.querySelector("button[type=submit]");
   button.disabled = true;
+  sending = true;
   quiet();
   const answer = await send(at("/api/v1/jobs"), { body: body() });
   if (answer.ok) { location.assign(at(`/jobs/${answer.data.id}`)); return; }
-  button.disabled = false;
+  button.disabled = sending = false;
   mark(form, answer, "data-path", "@");
 });
 

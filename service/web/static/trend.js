@@ -13,8 +13,8 @@ function plot(id, { title, unit, digits, values, bad, range }) {
     data: [at, values, worse],
     x: { label: "date, UTC", unit: "", time: true, notes: points.map((point) => (point.commit ?? "").slice(0, 10)) },
     series: [
-      { label: title, unit, digits, stroke: "--plot-1", points: 7 },
-      { label: "got worse", unit, digits, stroke: "--bad", points: 13, width: 0 },
+      { label: title, unit, digits, stroke: "--plot-1", dots: 7 },
+      { label: "got worse", unit, digits, stroke: "--bad", dots: 13, width: 0 },
     ],
     range,
     sentence: known.length ? `${title}: ${known[0].toFixed(digits)} ${unit} first, ${known.at(-1).toFixed(digits)} ${unit} now; ${marked}.` : `${title}: nothing was measured.`,

@@ -101,6 +101,7 @@ def test_many_comparisons_are_corrected_together() -> None:
     assert [(one.p_holm, one.family, one.fewest) for one in alone] == [(found[0].p_primary, 1, 6)]
 
 
+@pytest.mark.slow
 def test_effects_have_intervals() -> None:
     one = compared(table([{"tissue.young_kpa": e} for e in range(12)]))
     assert one.ratio_interval.low <= one.ratio <= one.ratio_interval.high < 1.0

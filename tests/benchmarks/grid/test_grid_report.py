@@ -97,6 +97,7 @@ def test_a_failure_ranks_behind_everything_and_is_listed() -> None:
     assert 'href="/jobs/7"' in text
 
 
+@pytest.mark.slow
 def test_the_page_is_sound_and_says_nothing_of_the_paper(report: dict[str, Any]) -> None:
     text = html(report)
     page = Page(text)

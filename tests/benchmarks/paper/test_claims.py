@@ -5,12 +5,13 @@ from __future__ import annotations
 import csv
 import io
 import math
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pytest
 
 from benchmarks.cases import Case, Outcome
+from benchmarks.paper import comparison
 from benchmarks.paper.analysis import box, controller_contrasts, direction_contrasts, scores, young_contrasts
 from benchmarks.paper.bands import UNKNOWN, Bands, bands_of
 from benchmarks.paper.claims import assumptions, claims
@@ -32,6 +33,9 @@ from tests.benchmarks.paper.synthetic import (
     sensitivity,
     timings,
 )
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable
 
 NARROW = Bands(named_mm=1e-4, named_difference_mm=1e-4)
 
@@ -169,6 +173,20 @@ def test_pairs_are_matched_by_path_and_clusters_by_end_point() -> None:
     fewer = compare(only(curved, arm="ifem")[3:], only(curved, arm="elm"), group="CUR", names=("ifem", "elm"))
     assert fewer is not None
     assert (fewer.pairs, fewer.unpaired) == (17, 3)
+
+
+def test_what_an_error_was_paid_with_is_told_of_the_pairs_alone(monkeypatch: pytest.MonkeyPatch) -> None:
+    told: list[list[Row]] = []
+
+    def noted(found: Iterable[Row]) -> dict[str, float | None]:
+        told.append(list(found))
+        return {}
+
+    monkeypatch.setattr(comparison, "beside", noted)
+    curved = only(rows(experiments(2)), group="CUR", young="constant")
+    first, second = only(curved, arm="ifem"), only(curved, arm="elm")
+    compare(first[3:], second[:-1], group="CUR", names=("ifem", "elm"))
+    assert told == [first[3:-1], second[3:-1]]
 
 
 def test_a_comparison_turned_round() -> None:
@@ -312,6 +330,7 @@ def measured_bands(**changes: dict[str, float | None]) -> Bands:
     return Bands({suite: {**known, **changes.get(suite, {})} for suite in ("LIN", "CUR")}, source="a study")
 
 
+@pytest.mark.slow
 def test_each_claim_is_held_against_the_band_of_what_it_compares() -> None:
     """A wide band of one suite's difference leaves the other suite's claim, and those about one controller."""
     outcomes = [*pair("LIN", [0.1] * 100, [0.2] * 100), *pair("CUR", [0.2] * 100, [0.1] * 100)]

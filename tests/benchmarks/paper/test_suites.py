@@ -26,6 +26,7 @@ from benchmarks.paper.scale import SCALE_TEXT, SCALES, Scale, scale_of
 from benchmarks.paper.table import rows
 from benchmarks.paper.training_study import other_training_cases, quiet_cases, training_study_cases
 from benchmarks.paper.variations import VARIATIONS, apply_variation
+from benchmarks.suites import catalogue
 from simcore.errors import ScenarioError
 from simcore.learning.trained import PACKAGED
 from simcore.scenario.scenario import Scenario
@@ -39,11 +40,11 @@ MODELS = {"elm": "models/elm-00.json"}
 
 def digests() -> dict[str, str]:
     """Digest of every suite that needs no model but those that come along."""
-    return {name: suites.suite(name).sha256 for name in suites.suite_names() if needs(name) <= packaged()}
+    return {name: catalogue.suite(name).sha256 for name in catalogue.suite_names() if needs(name) <= packaged()}
 
 
 def needs(name: str) -> set[str]:
-    drafts = suites.drafts(name)
+    drafts = catalogue.drafts(name)
     return {case.scenario["controller"]["kind"] for case in drafts} & set(suites.LEARNED)
 
 
@@ -55,12 +56,12 @@ def packaged() -> set[str]:
 def test_no_suite_has_changed() -> None:
     pinned = json.loads(PINNED.read_text())
     assert {name: digest for name, digest in digests().items() if pinned.get(name) != digest} == {}
-    assert set(pinned) <= set(suites.suite_names())
+    assert set(pinned) <= set(catalogue.suite_names())
 
 
-@pytest.mark.parametrize("name", suites.suite_names())
+@pytest.mark.parametrize("name", catalogue.suite_names())
 def test_ids_are_unique_and_good_as_file_names(name: str) -> None:
-    ids = [case.id for case in suites.drafts(name)]
+    ids = [case.id for case in catalogue.drafts(name)]
     assert len(ids) == len(set(map(str.lower, ids))) > 0
     assert not [case_id for case_id in ids if not re.fullmatch(r"[A-Za-z0-9._+-]{1,80}", case_id)]
 
@@ -163,7 +164,7 @@ def test_sensitivity_moves_one_thing_at_a_time() -> None:
 @pytest.mark.parametrize("name", ["paper", "paper-v2-tiny", "lin100-v1", "", "paper-v2-full"])
 def test_an_unknown_suite_is_refused_with_the_known_ones(name: str) -> None:
     with pytest.raises(ScenarioError, match=r"suite = .* is none of data105-v2.*paper-v2-smoke") as caught:
-        suites.suite(name)
+        catalogue.suite(name)
     assert caught.value.problems[0].value == name
 
 

@@ -263,6 +263,7 @@ def test_the_report_holds_everything_and_the_page_shows_it(tmp_path: Path) -> No
     assert drawn in text
 
 
+@pytest.mark.slow
 def test_a_part_of_the_plan_has_a_page_too() -> None:
     outcomes = made(lambda cell, *_: (0.1, 3.0) if cell.arm == "elm" else None, end_points=1, names=ALL)
     assert "no pair of insertions to compare" in html(json.loads(json.dumps(document(outcomes, SCALE))))

@@ -111,6 +111,7 @@ def test_six_discretisations_of_each_controller(chosen: Any) -> None:
     assert all(scenario.controller.delay_s == 0.0 for scenario in scenarios.values())
 
 
+@pytest.mark.slow
 def test_the_default_is_what_the_paper_is_rerun_on() -> None:
     """The same scenarios as those of the full scale but for names and recordings."""
     for path in LOOP_PATHS:

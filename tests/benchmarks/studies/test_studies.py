@@ -115,6 +115,7 @@ def test_a_job_leaves_what_an_observed_run_has(tiny: Scenario, tmp_path: Path) -
     assert entry.max() > 0.0
 
 
+@pytest.mark.slow
 def test_a_replay_of_a_run_is_that_run(tiny: Scenario) -> None:
     led = observe(tiny)
     again = observe(_replay(tiny, led, {}, "again"))

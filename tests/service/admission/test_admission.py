@@ -30,6 +30,7 @@ def http(tmp_path: Path) -> Iterator[TestClient]:
         yield client
 
 
+@pytest.mark.slow
 def test_a_submission_with_a_mesh_is_checked_outside_of_the_server(
     http: TestClient, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

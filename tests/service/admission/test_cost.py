@@ -124,6 +124,11 @@ def test_a_long_job_may_take_four_times_its_estimate_and_a_short_one_an_hour(tmp
         assert (made.status_code, made.json()["timeout_s"]) == (202, pytest.approx(4 * cost.time_s))
 
 
+def test_an_estimate_in_words() -> None:
+    cost = Cost(steps=1_000, nodes=1_617, step_ms=36.0, memory_mb=512.4)
+    assert str(cost) == "estimate: 1617 nodes, 1000 steps of 36 ms, 0.01 h, 512 MB"
+
+
 def test_no_time_limit_is_longer_than_a_day() -> None:
     cost = Cost(steps=10**6, nodes=1000, step_ms=80.0, memory_mb=100.0)
     assert time_limit_s(None, cost) == 86400.0

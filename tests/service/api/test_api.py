@@ -201,6 +201,7 @@ def test_only_registered_files_can_be_fetched(both: tuple[TestClient, Service], 
     assert http.get(f"{url}/artefacts/{name}").status_code == 404
 
 
+@pytest.mark.slow
 def test_series_come_in_three_formats(both: tuple[TestClient, Service]) -> None:
     http, service = both
     url = f"{JOBS}/{submit(http)['id']}/series"

@@ -158,7 +158,18 @@ def test_text_is_compressed_for_those_who_take_it(both: Both) -> None:
 
 @pytest.mark.parametrize(
     ("header", "taken"),
-    [("gzip", True), ("br;q=1.0, gzip;q=0.8", True), ("*", True), ("gzip;q=0", False), ("br", False), ("", False)],
+    [
+        ("gzip", True),
+        ("br;q=1.0, gzip;q=0.8", True),
+        ("*", True),
+        ("gzip;q=0", False),
+        ("br", False),
+        ("", False),
+        ("*;q=0, gzip", True),
+        ("gzip; Q=0.000, *", False),
+        ("gzip;q=x", False),
+        (" GZIP ;q=0.1,br", True),
+    ],
 )
 def test_an_accept_encoding_is_read_as_it_is_meant(header: str, taken: bool) -> None:
     assert accepts_gzip(header) is taken

@@ -144,3 +144,14 @@ def test_no_more_are_kept_than_there_is_room_for(tmp_path: Path) -> None:
         for job_id in (first, second, first, third):  # the second was asked for longest ago
             now(few, job_id)
         assert set(few._known) == {first, third}
+
+
+def test_a_long_one_is_not_kept(tmp_path: Path) -> None:
+    """Five hundred jobs with a megabyte of poses each would be half a gigabyte."""
+    with idle_service(tmp_path) as (_, service):
+        spec = {"scenario": {"controller": {"poses": [[0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0]] * 5000}}}
+        job = service.store.submit(name="a", spec=spec, spec_hash="x", steps=5000, priority=0, timeout_s=60)
+        shown = now(service.job_views, job.id)
+        assert shown is not None
+        assert len(shown.body) > 100_000
+        assert service.job_views._known == {}

@@ -63,6 +63,7 @@ WIDE = {
 }
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("case", WIDE)
 def test_the_answer_to_very_many_faults_is_short(http: TestClient, case: str) -> None:
     path, body = WIDE[case]

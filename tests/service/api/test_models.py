@@ -295,11 +295,11 @@ def test_a_data_set_stays_while_a_training_waits_for_it(both: Both) -> None:
     assert http.delete(f"{UPLOADS}/{data['id']}").status_code == 204
 
 
-def test_a_training_is_no_measure_of_a_step(both: Both) -> None:
+def test_a_training_is_no_measure_of_an_insertion(both: Both) -> None:
     http, service = both
     train(http)
     finish_training(service)
-    assert service.store.step_s() is None
+    assert service.store.latest_finished(10) == []
 
 
 # ---- retry of what cannot run again

@@ -206,6 +206,7 @@ def test_every_metric_is_in_the_schema_with_unit_range_and_null(document: dict[s
         assert {"type": "null"} in told["anyOf"]
 
 
+@pytest.mark.slow
 def test_a_result_has_the_parts_that_its_schema_names(document: dict[str, Any], tmp_path: Path) -> None:
     scenario = Scenario.load("demo")
     parts = ("status", "message", "metrics", "timing", "solver", "held", "digest")

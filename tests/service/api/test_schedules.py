@@ -14,7 +14,7 @@ from service.settings import Limits
 from service.store.campaigns import CampaignStore
 from service.store.database import open_database
 from service.store.jobs import Store
-from service.store.schedule import GRACE_S, MOST_TICKS, next_tick, ticks, to_fire
+from service.store.schedule import GRACE_S, MOST_TICKS, next_tick, next_ticks, ticks, to_fire
 from service.store.schedules import ScheduleStore
 from simcore.errors import ScenarioError
 from tests.service.databases import lay_down
@@ -263,3 +263,8 @@ def test_a_wrong_schedule_is_refused(http: tuple[TestClient, Service], change: d
     answer = client.post("/api/v1/schedules", json=body)
     assert answer.status_code == 422
     assert words in answer.text
+
+
+def test_the_next_ticks_are_told_before_they_come() -> None:
+    assert next_ticks("0 2 * * *", "UTC", 0.0, 3) == [7200.0, 93_600.0, 180_000.0]
+    assert next_ticks("0 2 * * *", "UTC", 0.0, 0) == []

@@ -53,7 +53,7 @@ def test_every_page_and_report_with_an_rmse_has_the_columns(both: tuple[TestClie
     http, service = both
     made = ended(http, service)
     links = made["links"]
-    pages = ["/", f"/campaigns/{made['id']}", "/trends", "/trends/beside", links["report"]]
+    pages = ["/?all=1", f"/campaigns/{made['id']}", "/trends", "/trends/beside", links["report"]]
     pages.append(f"/compare?a={made['id']}&first=ifem&second=open_loop")
     for address in pages:
         text = http.get(address).text

@@ -284,6 +284,7 @@ def test_suites_are_listed(both: tuple[TestClient, Service]) -> None:
     assert "lin100-v2-smoke" in [item["name"] for item in http.get("/api/v1/suites").json()["items"]]
 
 
+@pytest.mark.slow
 def test_a_page_of_a_campaign_names_its_cases_and_says_what_they_warn_of(both: tuple[TestClient, Service]) -> None:
     http, service = both
     made = start(http)

@@ -18,12 +18,19 @@ from service.cli.main import main
 from service.settings import Limits
 from simcore.errors import ScenarioError
 from simcore.remote.messages import message_schema
+from simcore.rollout.rollout import run
 from simcore.scenario.scenario import Scenario
 
 if TYPE_CHECKING:
     from pathlib import Path
 
-FIELDS = ("tissue.element_size_mm=12", "needle.elements=6", "trajectory.target_mm=[18,31,2]", "recording.enabled=false")
+FIELDS = (
+    "tissue.element_size_mm=12",
+    "needle.elements=6",
+    "dt_s=0.02",
+    "trajectory.target_mm=[24,41,30]",
+    "recording.enabled=false",
+)
 
 
 def example(name: str) -> str:
@@ -59,11 +66,14 @@ def result(folder: Path) -> dict[str, Any]:
 def test_the_python_example_steers(tmp_path: Path) -> None:
     (tmp_path / "mine.py").write_text(example("remote"))
     done = run_beside(
-        tmp_path, f"{sys.executable} {tmp_path / 'mine.py'} {{address}}", 'controller.settings={"gain":0.5}'
+        tmp_path, f"{sys.executable} {tmp_path / 'mine.py'} {{address}}", 'controller.settings={"gain":0.2}'
     )
     assert done.returncode == 0, done.stderr
     assert "run ended: completed" in done.stderr
-    assert result(tmp_path)["metrics"]["success"]
+    steered = result(tmp_path)["metrics"]
+    assert steered["success"]
+    blind = run(Scenario.load(result(tmp_path)["provenance"]["scenario"] | {"controller": {"kind": "rigid"}}))
+    assert steered["final_same_time_mm"] < 0.5 * blind.metrics["final_same_time_mm"]
 
 
 @pytest.mark.slow

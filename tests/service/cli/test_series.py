@@ -12,9 +12,12 @@ import pytest
 from click.testing import CliRunner
 
 from service.cli.main import main
+from service.files.series_formats import load
+from simcore.metric_definitions import SERIES, UNITS
 from simcore.rollout import artefacts
 from simcore.rollout.rollout import run
-from simcore.rollout.table import columns_of
+from simcore.rollout.table import columns_of, rows_of
+from tests.docs.sources import program
 from tests.simcore.short_run import short
 
 if TYPE_CHECKING:
@@ -97,5 +100,55 @@ def test_a_damaged_file_is_named(tmp_path: Path) -> None:
 
 
 def test_columns_of_vectors_are_named_by_their_axes() -> None:
-    found = columns_of({"a": np.zeros(2), "b": np.zeros((2, 3)), "c": np.zeros((2, 4)), "d": np.zeros((2, 2))})
-    assert list(found) == ["a", "b_x", "b_y", "b_z", "c_w", "c_x", "c_y", "c_z", "d_0", "d_1"]
+    shapes = {"a": (2,), "b": (2, 3), "c": (2, 4), "turn_rotation": (2, 4), "d": (2, 2, 2), "e": (2, 1, 3)}
+    found = columns_of({name: np.arange(2 * np.prod(shape[1:])).reshape(shape) for name, shape in shapes.items()})
+    turns = [f"turn_rotation_{axis}" for axis in "wxyz"]
+    pairs = ["d_x_x", "d_x_y", "d_y_x", "d_y_y"]
+    assert list(found) == [
+        "a",
+        "b_x",
+        "b_y",
+        "b_z",
+        "c_0",
+        "c_1",
+        "c_2",
+        "c_3",
+        *turns,
+        *pairs,
+        "e_0_x",
+        "e_0_y",
+        "e_0_z",
+    ]
+    np.testing.assert_array_equal(found["d_y_x"], [2, 6])
+    np.testing.assert_array_equal(found["e_0_z"], [2, 5])
+    assert list(columns_of({"none": np.zeros((0, 3))})) == ["none_x", "none_y", "none_z"]
+
+
+def test_the_table_has_every_array_with_a_row_a_step_and_no_other_one(tmp_path: Path) -> None:
+    """Each step is a frame here, so that frames and rows are as many; written, read and described alike."""
+    done = run(short(recording={"every_steps": 1}, trajectory={"target_mm": [12, 20.5, 10], "amplitude_mm": 0.2}))
+    assert len(done.series["strain_energy_j"]) == len(done.series["t_s"])
+    artefacts.write(done, tmp_path)
+    described = {array.name for array in SERIES if array.shape[0] == "rows"}
+    assert set(rows_of(done.series)) == set(load(tmp_path / "series.npz")) == described
+    head = series(str(tmp_path)).stdout.splitlines()[0].split(",")
+    assert {name for name in described if not any(column.startswith(name) for column in head)} == set()
+    assert "rcm_authority_x_y" in head
+    assert not {"strain_energy_j", "tissue_frame_step"} & set(head)
+
+
+def test_the_file_holds_what_the_page_describes_with_its_shapes(rollout: Rollout, folder: Path) -> None:
+    """Every array of series.npz is on the page of metrics, and every one there is in the file."""
+    with np.load(folder / "series.npz") as file:
+        held = {name: file[name] for name in file.files}
+    assert {name: array.dtype for name, array in held.items()} == {n: a.dtype for n, a in rollout.series.items()}
+    rows = program("page_tables").part("series").splitlines()[2:]
+    cells = [[cell.strip() for cell in row.strip("|").split("|")] for row in rows]
+    page = {name.strip("`"): (unit, shape.split(" × ")) for name, unit, shape, *_ in cells}
+    assert set(page) == set(held)
+    sizes: dict[str, int] = {}
+    for name, (unit, shape) in page.items():
+        assert len(shape) == held[name].ndim, name
+        for word, size in zip(shape, held[name].shape, strict=True):
+            assert size == (int(word) if word.isdigit() else sizes.setdefault(word, size)), (name, word)
+        assert unit in UNITS, name

@@ -15,6 +15,7 @@ if TYPE_CHECKING:
     from pathlib import Path
 
 URL = "http://127.0.0.1:8321"
+UPLOAD = {"id": "a.npy", "reference": "artefact:a.npy", "kind": "poses", "name": "a", "bytes": 1, "sha256": "0"}
 
 
 def client_that_gets(answer: httpx2.Response) -> tuple[Client, list[httpx2.Request]]:
@@ -67,3 +68,20 @@ def test_a_download_into_no_folder_says_which(tmp_path: Path) -> None:
     with pytest.raises(CannotWriteError, match="cannot be written: No such file or directory"):
         client.recording("a", tmp_path / "nothing" / "a.rrd")
     assert client.recording("a", tmp_path / "a.rrd").read_bytes() == b"0123"
+
+
+def test_lists_are_fetched_to_their_end() -> None:
+    """However long they are: a page of the service holds a thousand at most."""
+    item = {**UPLOAD, "content": {}}
+    pages: list[dict[str, object]] = [{"items": [item], "next_cursor": "7"}, {"items": [item], "next_cursor": None}]
+    answers = iter([httpx2.Response(200, json=page) for page in pages])
+    asked: list[str] = []
+
+    def reply(request: httpx2.Request) -> httpx2.Response:
+        asked.append(request.url.query.decode())
+        return next(answers)
+
+    client = Client(URL)
+    client._http = httpx2.Client(base_url=URL, transport=httpx2.MockTransport(reply))
+    assert [upload.id for upload in client.uploads()] == ["a.npy", "a.npy"]
+    assert asked == ["limit=1000", "limit=1000&cursor=7"]

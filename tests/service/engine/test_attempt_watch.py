@@ -9,6 +9,7 @@ from typing import Any
 import pytest
 from sqlalchemy.exc import OperationalError
 
+from service.engine.attempt_end import last_report
 from service.engine.attempt_trace import AttemptTrace
 from service.engine.attempt_watch import AttemptWatch, Ending, publish_progress
 from service.worker.progress import INTERVAL_S
@@ -24,6 +25,20 @@ def test_an_attempt_may_go_on_up_to_its_deadline_and_no_longer() -> None:
     assert watch().ending(160.0, cancelled=False, held_mb=None) is None
     ending = watch().ending(160.001, cancelled=False, held_mb=None)
     assert ending == Ending("timed_out", "timed_out", "it did not end within timeout_s = 60")
+
+
+def test_a_deadline_says_how_far_an_insertion_was_and_what_steered_it() -> None:
+    insertion: Any = SimpleNamespace(spec={"scenario": {"controller": {"kind": "plugin", "name": "pi"}}})
+    where = last_report(insertion, {"step": 3, "steps": 50})
+    ending = watch().ending(161.0, cancelled=False, held_mb=None, where=where)
+    assert ending is not None
+    told = "it did not end within timeout_s = 60; its last report was step 3 of 50, controller 'pi'"
+    assert ending.error == told
+    assert last_report(insertion, None) == ""
+    assert last_report(insertion, {"step": "x" * 10_000, "steps": 50}) == ""
+    assert "controller 'ifem'" in last_report(SimpleNamespace(spec={"scenario": {}}), {"step": 0, "steps": 1})  # type: ignore[arg-type]
+    training: Any = SimpleNamespace(spec={"training": {}})
+    assert last_report(training, {"step": 3, "steps": 50}) == ""
 
 
 def test_a_worker_may_hold_its_memory_and_no_more() -> None:

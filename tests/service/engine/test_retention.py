@@ -268,6 +268,7 @@ def gc(*words: str) -> Result:
     return CliRunner().invoke(main, ("gc", *words), env={"NEEDLEBENCH_URL": None})
 
 
+@pytest.mark.slow
 @given(st.floats(0, 1e6), st.sampled_from("smhdw"))
 def test_ages_are_read(count: float, unit: str) -> None:
     text = f"{count:.3f}{unit}"

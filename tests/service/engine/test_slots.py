@@ -188,6 +188,7 @@ def test_a_running_job_keeps_its_heartbeat_in_the_store(tmp_path: Path) -> None:
         assert service.store.get(job.id).version == job.version
 
 
+@pytest.mark.slow
 def test_a_slot_asks_whether_its_job_is_cancelled_when_somebody_changed_it(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -10,6 +10,7 @@ from hypothesis import strategies as st
 
 from service.engine.metrics import Monitor
 from service.engine.retention import Policy, clear
+from service.store.campaign_rows import TALLY, WHOLLY_ENDED
 from service.store.database import open_database
 from service.store.job import (
     LEGAL,
@@ -77,6 +78,15 @@ def test_the_life_of_a_job(store: Store, heard: list[str]) -> None:
     assert heard == [job.id] * 4
     assert job.version < running.version < done.version
     assert job.created_at < (running.started_at or 0) < (done.finished_at or 0)
+
+
+def test_the_last_progress_stays_with_a_job_that_ended(store: Store) -> None:
+    for told, kept in (({"step": 9}, {"step": 9}), (None, {"step": 4})):
+        submit(store)
+        running = claim(store)
+        store.beat(running, {"step": 4})
+        done = store.finish(running, Outcome(state="finished", result=RESULT.result, progress=told))
+        assert done.progress == store.get(done.id).progress == kept
 
 
 def test_claims_go_by_priority_then_by_arrival(store: Store) -> None:
@@ -384,6 +394,20 @@ def test_the_next_job_is_found_without_looking_at_the_others(store: Store) -> No
             steps = [row.detail for row in connection.exec_driver_sql(f"EXPLAIN QUERY PLAN {text}")]
         assert len(steps) == 1
         assert "USING COVERING INDEX ix_job_queued" in steps[0], steps
+
+
+def test_how_far_a_campaign_is_is_read_from_an_index_alone(store: Store) -> None:
+    """However many of its jobs there are, and however large their results: both questions are asked every second."""
+    plans = []
+    for query in (TALLY.params(of_lane="/a"), WHOLLY_ENDED):
+        text = str(query.compile(dialect=store.engine.dialect, compile_kwargs={"literal_binds": True}))
+        with store.reading() as connection:
+            plans.append([row.detail for row in connection.exec_driver_sql(f"EXPLAIN QUERY PLAN {text}")])
+    tally, ended = plans
+    assert tally == ["SEARCH job USING COVERING INDEX ix_job_lane_state (lane=?)"]
+    assert any("SEARCH job USING COVERING INDEX ix_job_lane_state (lane=? AND state=?)" in step for step in ended), (
+        ended
+    )
 
 
 # ---- outcomes

@@ -36,7 +36,9 @@ def campaign(store: Store, name: str, owner: str | None, cases: int, priority: i
     jobs = tuple(
         PlannedJob(case_id=f"{i}", labels={}, name=f"{name}{i}", spec={}, spec_hash="", steps=1) for i in range(cases)
     )
-    plan = CampaignPlan(name=name, request={}, suite="s", suite_sha256="", priority=priority, timeout_s=60.0, jobs=jobs)
+    plan = CampaignPlan(
+        name=name, request={}, suite="s", suite_sha256="", priority=priority, timeout_s=60.0, cost_s=1.0, jobs=jobs
+    )
     CampaignStore(store).create(plan, owner=owner)
 
 

@@ -7,7 +7,6 @@ import hashlib
 import io
 import json
 import pickle
-import zipfile
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -16,11 +15,11 @@ import pytest
 from service.admission.upload_check import UnusableUploadError, read_content
 from service.settings import Limits
 from tests.service.http import finish, idle_service
-from tests.service.learned import dataset_bytes, model_bytes
+from tests.service.learned import dataset_bytes, model_bytes, npz_bomb, npz_member
 from tests.simcore.mesh.test_mesh_file import write_box
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator
+    from collections.abc import Callable, Iterator
     from pathlib import Path
 
     from starlette.testclient import TestClient
@@ -282,13 +281,6 @@ def test_a_data_set_that_cannot_be_learned_from_is_refused(tmp_path: Path, chang
         looked(tmp_path, data)
 
 
-def member(data: bytes, name: str = "w.npy", method: int = zipfile.ZIP_DEFLATED) -> bytes:
-    file = io.BytesIO()
-    with zipfile.ZipFile(file, "w", method) as archive:
-        archive.writestr(name, data)
-    return file.getvalue()
-
-
 def header(shape: str, descr: str = "<f8", data: bytes = b"") -> bytes:
     text = f"{{'descr': '{descr}', 'fortran_order': False, 'shape': {shape}, }}".ljust(117) + "\n"
     return b"\x93NUMPY\x01\x00" + len(text).to_bytes(2, "little") + text.encode() + data
@@ -301,18 +293,19 @@ class Boom:
         return (open, ("pickled", "w"))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("data", "told"),
     [
         (pickle.dumps(Boom()), "not an .npz"),
-        (member(pickle.dumps(Boom())), "not an array"),
+        (npz_member(pickle.dumps(Boom())), "not an array"),
         (arrays(w=np.array([Boom()], dtype=object)), "Python objects"),
-        (member(b"\x00" * 300_000_000), "unpacks to 300 MB"),
-        (member(header("(1000000000000,)")), "does not agree"),
-        (member(header("(-1,)")), "does not agree"),
-        (member(header("(" + "1," * 20_000 + ")")), "not an array"),
-        (member(header("(2,)", data=b"\x00" * 16), name="../w.npy"), "no array"),
-        (member(b"x", name="run.py"), "no array"),
+        (npz_bomb, "unpacks to 300 MB"),
+        (npz_member(header("(1000000000000,)")), "does not agree"),
+        (npz_member(header("(-1,)")), "does not agree"),
+        (npz_member(header("(" + "1," * 20_000 + ")")), "not an array"),
+        (npz_member(header("(2,)", data=b"\x00" * 16), name="../w.npy"), "no array"),
+        (npz_member(b"x", name="run.py"), "no array"),
         (b"PK\x03\x04" + b"\x00" * 100, "not an .npz"),
         (b"", "not an .npz"),
     ],
@@ -331,11 +324,11 @@ class Boom:
     ],
 )
 def test_bombs_and_pickles_are_refused_unread(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, data: bytes, told: str
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, data: bytes | Callable[[], bytes], told: str
 ) -> None:
     monkeypatch.chdir(tmp_path)
     with pytest.raises(UnusableUploadError, match=told):
-        looked(tmp_path, data)
+        looked(tmp_path, data() if callable(data) else data)
     assert not (tmp_path / "pickled").exists()
 
 

@@ -61,8 +61,46 @@ def test_a_job_leads_to_its_campaign_and_a_case_says_its_values(pages: tuple[Tes
     link = f'<a href="/campaigns/{campaign}">two of them</a>'
     assert link in http.get(f"/jobs/{job}").text
     assert link not in http.get(f"/jobs/{alone}").text
-    assert http.get("/").text.count(link) == 2 + 1  # its jobs, and itself among those that run
+    assert http.get("/").text.count(link) == 1  # one line, whatever the number of its jobs
+    assert http.get("/?all=1").text.count(link) == 2 + 1
+    assert http.get("/?state=queued").text.count(link) == 2
     assert "open_loop" in http.get(f"/campaigns/{campaign}").text
+
+
+@pytest.mark.slow
+def test_jobs_are_found_by_a_part_of_their_name_or_the_beginning_of_their_id(pages: tuple[TestClient, Service]) -> None:
+    http, service = pages
+    ids = {name: named_job(http, name) for name in ("first sine", "Second SINE", "x_1 line", "xx1 line")}
+
+    def found(search: str, **more: Any) -> set[str]:
+        text = http.get("/", params={"q": search, **more}).text
+        listed = {one["id"] for one in http.get("/api/v1/jobs", params={"q": search, **more}).json()["items"]}
+        assert listed == {job_id for job_id in ids.values() if f'data-key="{job_id}"' in text}
+        return {name for name, job_id in ids.items() if job_id in listed}
+
+    assert found("sine") == {"first sine", "Second SINE"}
+    assert found("  SECOND ") == {"Second SINE"}
+    assert found("x_1") == found("_") == {"x_1 line"}
+    assert found("%") == set()
+    assert found(ids["xx1 line"][:10]) == {"xx1 line"}
+    assert found("sine", state="queued") == {"first sine", "Second SINE"}
+    assert found("sine", state="failed") == set()
+    assert "None with this name or id." in http.get("/", params={"q": "<script>"}).text
+    assert "<script>alert" not in http.get("/", params={"q": "<script>alert"}).text
+    assert 'href="/?state=queued&amp;q=a%26b"' in http.get("/", params={"q": "a&b"}).text
+    finish(service)
+    running = service.store.claim()
+    assert running is not None
+    page = http.get("/").text
+    assert page.index(f'data-key="{running.id}"') < min(
+        page.index(f'data-key="{one}"') for one in ids.values() if one != running.id
+    )
+    assert page.count(f'data-key="{running.id}"') == 1
+
+
+def named_job(http: TestClient, name: str) -> str:
+    made: str = http.post("/api/v1/jobs", json={"scenario": {"name": name}}).json()["id"]
+    return made
 
 
 def test_a_page_that_is_opened_in_the_middle_gets_the_way_so_far(pages: tuple[TestClient, Service]) -> None:

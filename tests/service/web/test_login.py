@@ -164,3 +164,23 @@ def test_over_https_the_cookie_stays_there(tmp_path: Path) -> None:
         http.base_url = HERE.replace("http:", "https:")
         answer = http.post("/login", data={"key": KEY}, follow_redirects=False)
     assert "secure" in answer.headers["set-cookie"].lower()
+
+
+def test_cookies_of_others_are_not_looked_at(both: tuple[TestClient, Service], monkeypatch: pytest.MonkeyPatch) -> None:
+    """The standard library takes a second over one that is full of backslashes."""
+    http, _ = both
+    log_in(http)
+    token = http.cookies[SESSION_COOKIE]
+    http.cookies.clear()
+    read: list[str] = []
+
+    def unquoted(text: str) -> str:
+        read.append(text)
+        return text
+
+    monkeypatch.setattr("http.cookies._unquote", unquoted)
+    strange = 'a="' + "\\\\" * 5000 + '"'
+    answer = http.get("/api/v1/jobs", headers={"Cookie": f"{strange}; {SESSION_COOKIE}={token}; b=1"})
+    assert (answer.status_code, set(read)) == (200, {token})
+    wrong = http.get("/api/v1/jobs", headers={"Cookie": f"{SESSION_COOKIE}={strange}"})
+    assert (wrong.status_code, set(read)) == (401, {token})

@@ -80,6 +80,7 @@ def site(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Site]:
         schedule = http.post("/api/v1/schedules", json=nightly).json()["id"]
         http.post(f"/api/v1/schedules/{schedule}/trigger")
         queued = http.post("/api/v1/jobs", json={"scenario": "replay"}).json()["id"]
+        compared = [one["job"] for one in http.get(f"/api/v1/campaigns/{ended[0]}/jobs").json()["items"][:2]]
         failed = _failed(http, service)
         trained, training, model = _trained(http, service)
         a, b = ended
@@ -106,6 +107,8 @@ def site(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Site]:
             f"/jobs/{training}": "a training that is done",
             f"/submit?from={trained}": "form from a model",
             "/submit?from=mlp": "form from a bundled model",
+            f"/side-by-side?job={compared[0]}&job={compared[1]}&job={done}": "jobs side by side",
+            "/docs": "the API",
             "/compare": "comparison",
             f"/compare?a={a}": "comparison, half chosen",
             f"/compare?a={a}&b={b}": "two campaigns",
@@ -172,7 +175,7 @@ def test_every_control_has_a_name(site: Site) -> None:
         page = Page(text)
         labelled = set(page.values("for"))
         for tag, attributes in page.found:
-            if tag in ("input", "select", "textarea"):
+            if tag in ("input", "select", "textarea") and attributes.get("type") != "hidden":
                 named = attributes.get("id") in labelled or "aria-label" in attributes
                 inside = attributes.get("type") in ("checkbox", "radio")  # stands within its label
                 assert named or inside, (address, attributes)

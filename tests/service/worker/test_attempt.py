@@ -53,6 +53,7 @@ def test_what_ends_a_process_is_reported_and_the_recording_closed(
     assert type(error).__name__ in (tmp_path / "1" / "job.log").read_text()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("error", "told"),
     [(StopIteration(), "StopIteration ("), (ValueError("\ud800"), "ValueError: \\ud800 (")],

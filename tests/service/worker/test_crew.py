@@ -64,6 +64,7 @@ def test_a_crash_has_the_shape_of_a_result(shared: tuple[Crew, Path], tmp_path: 
     assert outcome.result["provenance"]["scenario"] == outcome.case.scenario
 
 
+@pytest.mark.slow
 @linux
 def test_closing_early_ends_the_work_and_the_crew_goes_on(shared: tuple[Crew, Path], tmp_path: Path) -> None:
     crew, _ = shared

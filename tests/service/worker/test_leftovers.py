@@ -11,6 +11,7 @@ import pytest
 
 from service.engine.attempt_watch import AttemptWatch
 from service.logs import FULL, LOG, MAXIMUM_BYTES
+from service.worker.leftovers import Belongings, end_leftovers
 from service.worker.process import WorkerDiedError, WorkerProcess
 from service.worker.processes import descendants, session_members
 from service.worker.specs import AttemptReport, InsertionSpec
@@ -51,6 +52,16 @@ def run(worker: WorkerProcess, folder: Path, name: str, *, plugin: bool = False)
     return report
 
 
+def test_a_library_that_a_plug_in_imports_costs_no_process(monkeypatch: pytest.MonkeyPatch) -> None:
+    """scikit-learn and joblib set a variable for OpenMP each, which is no other environment for anybody."""
+    before = Belongings.now()
+    monkeypatch.setenv("KMP_DUPLICATE_LIB_OK", "another value")
+    monkeypatch.setenv("KMP_INIT_AT_FORK", "another value")
+    assert end_leftovers(before, strict=True) == ()
+    monkeypatch.setenv("ANOTHER", "value")
+    assert end_leftovers(before, strict=True) == ("another environment",)
+
+
 def started(folder: Path) -> int:
     pids = folder / "1" / "pids"
     until(pids.exists)
@@ -74,6 +85,7 @@ def test_what_a_plug_in_leaves_in_its_process_is_reported(
     assert left in (tmp_path / "1" / LOG).read_text()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("name", "left"),
     [

@@ -3,20 +3,26 @@
 from __future__ import annotations
 
 import os
-from typing import TYPE_CHECKING, Any
+import threading
+from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
 import pytest
 
 from simcore import plugins
 from simcore.controllers.plugin import PluginController
+from simcore.controllers.plugin_thread import PluginThread
 from simcore.episode.observation import Observation
 from simcore.errors import ModelFailureError, ScenarioError, Status
+from simcore.file_names import located, names_mean
 from simcore.insertion.state import Pose
 from simcore.plugins import PluginError
+from simcore.rollout.rollout import run
 from simcore.scenario.scenario import Scenario
+from tests.simcore.short_run import short
 
 if TYPE_CHECKING:
+    from collections.abc import Callable, Iterator
     from pathlib import Path
 
 BASE = Pose(np.array([0.018, 0.031, -0.18]), np.eye(3))
@@ -102,7 +108,11 @@ class Answers:
 
 def asked(action: Any, step: int = 7) -> Pose:
     tip = np.array([0.018, 0.031, 0.0])
-    return PluginController("odd", Answers(action)).command(Observation(step, BASE, tip, tip))
+    thread = PluginThread("odd")
+    try:
+        return PluginController("odd", Answers(action), thread, 60.0).command(Observation(step, BASE, tip, tip))
+    finally:
+        thread.end()
 
 
 def test_what_it_raises_comes_with_its_name_and_the_place() -> None:
@@ -120,6 +130,26 @@ def test_what_is_told_apart_by_its_type_keeps_it(error: BaseException) -> None:
     assert caught.value.__notes__ == ["controller 'odd', step 7"]
 
 
+@pytest.mark.parametrize("error", [FileNotFoundError(2, "no such file", "net.pt"), TimeoutError("the camera")])
+def test_a_file_or_a_connection_of_its_own_is_a_fault_of_the_plug_in(error: OSError) -> None:
+    with pytest.raises(PluginError, match=f"^controller 'odd': {type(error).__name__}"):
+        asked(error)
+
+
+class Unfit:
+    """Takes no observation."""
+
+    def command(self) -> None:
+        """Never called."""
+
+
+def test_one_that_does_not_fit_is_named_without_a_place() -> None:
+    thread, tip = PluginThread("odd"), np.array([0.018, 0.031, 0.0])
+    with pytest.raises(PluginError, match=r"^controller 'odd': TypeError: .*command\(\) takes 1 positional.*given$"):
+        PluginController("odd", Unfit(), thread, 60.0).command(Observation(7, BASE, tip, tip))  # type: ignore[arg-type]
+    thread.end()
+
+
 def test_a_failure_of_its_model_ends_the_run_with_its_status() -> None:
     with pytest.raises(ModelFailureError):
         asked(ModelFailureError(Status.NOT_CONVERGED, "its own"))
@@ -130,3 +160,106 @@ def test_what_its_factory_raises_names_it(monkeypatch: pytest.MonkeyPatch) -> No
     settings = Scenario.load({"controller": {"kind": "plugin", "name": "odd"}})
     with pytest.raises(PluginError, match=r"controller 'odd': its factory raised ZeroDivisionError: division by zero"):
         PluginController.load(settings.controller, settings, np.zeros(3), 0.2)  # type: ignore[arg-type]
+
+
+# ---- the thread that it lives in
+
+NEVER = threading.Event()
+HANGS: dict[str, Callable[[], object]] = {"waits": lambda: NEVER.wait(600.0), "loops": lambda: list(repeat_for_ever())}
+
+
+def repeat_for_ever() -> Iterator[None]:
+    while not NEVER.is_set():
+        for _ in range(1000):
+            pass
+    yield
+
+
+class Thinks:
+    """Follows its target, and at step 5 does what it was made for. `threads`: those that it was called in."""
+
+    limited = True
+    threads: ClassVar[list[threading.Thread]] = []
+
+    def __init__(self, _scenario: Scenario, _entry_m: object, _length_m: float, settings: dict[str, str]) -> None:
+        self.threads[:] = [threading.current_thread()]
+        self.does = settings.get("does")
+        if settings.get("factory"):
+            HANGS["waits"]()
+
+    def reset(self, _seed: int) -> None:
+        self.threads.append(threading.current_thread())
+
+    def command(self, seen: Observation) -> Pose:
+        self.threads.append(threading.current_thread())
+        if seen.step == 5 and self.does:
+            HANGS[self.does]()
+        return Pose(seen.base.position_m + (seen.target_m - seen.tip_m), seen.base.rotation)
+
+
+def thinking(**block: Any) -> Scenario:
+    plugins.register_controller("thinks", Thinks)
+    return short(controller={"kind": "plugin", "name": "thinks", **block})
+
+
+def test_all_of_it_is_called_in_one_thread_which_ends_with_the_run() -> None:
+    done = run(thinking())
+    assert len(Thinks.threads) == 2 + len(done.series["t_s"]) - 1
+    (thread,) = set(Thinks.threads)
+    assert thread is not threading.current_thread()
+    assert not thread.is_alive()
+
+
+@pytest.mark.parametrize("does", HANGS)
+def test_one_that_hangs_ends_the_run_by_name_and_keeps_what_was_run(does: str) -> None:
+    done = run(thinking(settings={"does": does}, step_timeout_s=1.0))
+    NEVER.set()
+    Thinks.threads[0].join(60.0)
+    NEVER.clear()
+    assert done.status is Status.CONTROLLER_FAILED
+    told = "controller 'thinks': has not answered within controller.step_timeout_s = 1 s, step 5"
+    assert done.message.endswith(told)
+    assert done.message.startswith("step 6 of 41")
+    assert len(done.series["t_s"]) == 6
+
+
+def test_a_loop_of_python_that_nobody_waits_for_any_more_is_ended() -> None:
+    run(thinking(settings={"does": "loops"}, step_timeout_s=1.0))
+    Thinks.threads[0].join(60.0)
+    assert not Thinks.threads[0].is_alive()
+
+
+def test_a_factory_that_hangs_is_named() -> None:
+    with pytest.raises(PluginError, match=r"^controller 'thinks': its factory has not ended within .*start_timeout_s"):
+        run(thinking(settings={"factory": "yes"}, start_timeout_s=0.5))
+    NEVER.set()
+    Thinks.threads[0].join(60.0)
+    NEVER.clear()
+
+
+def test_what_names_of_files_mean_holds_in_it_too(tmp_path: Path) -> None:
+    """A plug-in that makes an episode of its scenario finds the files that the scenario names."""
+    with names_mean(lambda name: tmp_path / name):
+        thread = PluginThread("odd")
+    assert thread.call(lambda: located("field", "mesh.msh"), 60.0) == tmp_path / "mesh.msh"
+    thread.end()
+
+
+def test_whoever_is_interrupted_while_it_waits_waits_no_longer(monkeypatch: pytest.MonkeyPatch) -> None:
+    thread = PluginThread("odd")
+    replies = thread._replies
+
+    class Interrupted:
+        def get(self, timeout: float) -> None:
+            del timeout
+            raise KeyboardInterrupt
+
+        put = replies.put
+
+    monkeypatch.setattr(thread, "_replies", Interrupted())
+    with pytest.raises(KeyboardInterrupt):
+        thread.call(lambda: NEVER.wait(600.0), 60.0)
+    NEVER.set()
+    thread._thread.join(60.0)
+    NEVER.clear()
+    assert not thread._thread.is_alive()

@@ -94,6 +94,7 @@ def test_the_commands_of_a_run_lead_to_its_states(scenario: Scenario, rollout: R
     np.testing.assert_array_equal([s.t_s for s in seen], rollout.series["t_s"])
 
 
+@pytest.mark.slow
 def test_a_snapshot_leads_on_to_the_same_bits(scenario: Scenario, rollout: Rollout) -> None:
     """In the episode itself after it went on, in a copy, in a new episode and in an unpickled one."""
     poses, half = commands(rollout), len(commands(rollout)) // 2
@@ -110,6 +111,7 @@ def test_a_snapshot_leads_on_to_the_same_bits(scenario: Scenario, rollout: Rollo
         assert one.state.report == last.report
 
 
+@pytest.mark.slow
 def test_a_reset_is_a_new_episode(scenario: Scenario, rollout: Rollout) -> None:
     poses = commands(rollout)
     episode = Episode(scenario)

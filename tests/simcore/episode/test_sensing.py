@@ -50,6 +50,7 @@ def test_a_late_image_of_now_and_then() -> None:
     np.testing.assert_array_equal(seen, true[5 * (np.maximum(np.arange(STEPS + 1) - 2, 0) // 5)])
 
 
+@pytest.mark.slow
 def test_noise_is_normal_drawn_for_each_image_and_follows_the_seed() -> None:
     seen, true = tips(noise_mm=0.5, rate_hz=5.0)
     noise = 1e3 * (seen[::2] - true[::2])
@@ -60,6 +61,7 @@ def test_noise_is_normal_drawn_for_each_image_and_follows_the_seed() -> None:
     assert not np.array_equal(other, seen)
 
 
+@pytest.mark.slow
 def test_a_registration_error_is_one_offset_for_the_whole_run() -> None:
     seen, true = tips(tip="registered", registration_mm=2.0)
     offsets = 1e3 * (seen - true)
@@ -126,6 +128,7 @@ def test_no_clean_value_is_shown(monkeypatch: pytest.MonkeyPatch) -> None:
     assert seed_of_controller(11) != 11
 
 
+@pytest.mark.slow
 def test_a_carried_path_is_seen_as_late_as_the_tip() -> None:
     moving = {"motion": {"kind": "breathing", "amplitude_mm": 4, "period_s": 2}, "trajectory": {"frame": "tissue"}}
     late = run(short(**CLEAN, **moving, sensing={"latency_s": 0.4}))

@@ -72,6 +72,7 @@ def test_a_cylinder_breathes(tmp_path: Path) -> None:
     assert rollout.metrics["success"]
 
 
+@pytest.mark.slow
 def test_a_separate_model_has_the_mesh_too(tmp_path: Path) -> None:
     """Its element size is that of the file; only material and friction are its own."""
     controller = {"kind": "ifem", "model": {"kind": "separate", "young_kpa": 4.0}}

@@ -167,6 +167,7 @@ def test_a_point_one_diameter_deep_resolves_what_the_bevel_cut() -> None:
         np.testing.assert_allclose(np.diff(model.depths_m), model.spacing_m, rtol=1e-9)
 
 
+@pytest.mark.slow
 def test_points_come_and_go_without_a_force_of_their_own() -> None:
     """The largest force of any point at its first step, and at its last one before it is dropped, is a small share of
     the largest of all, and falls with the step: C = G / l is infinite where l is 0."""

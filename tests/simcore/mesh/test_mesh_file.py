@@ -351,6 +351,7 @@ def test_a_wrong_value_of_the_field(value: object) -> None:
     assert {problem.field for problem in problems({"tissue": {"mesh_file": value}})} == {"tissue.mesh_file"}
 
 
+@pytest.mark.slow
 def test_one_file_is_read_once(tmp_path: Path) -> None:
     """Validation and run ask for the same mesh."""
     path, _ = write_box(tmp_path, "box.vtu")

@@ -75,7 +75,7 @@ def test_a_target_that_is_not_reached_in_time_is_no_success() -> None:
 @pytest.mark.parametrize(
     ("trajectory", "message"),
     [
-        ({**ARC, "radius_mm": 9}, r"radius_mm = 9\.0: must be at least 10\.0499, half of the distance"),
+        ({**ARC, "radius_mm": 9}, r"radius_mm = 9\.0: must be at least 10\.0499 mm, half of the distance"),
         (
             {**ARC, "radius_mm": 100},
             r"radius_mm = 100\.0: must not bend .* 123\.3 mm.* first at \[12\.0000, 20\.0000, 0\.",
@@ -92,11 +92,11 @@ def test_a_target_that_is_not_reached_in_time_is_no_success() -> None:
         ),
         (
             {**POINTS, "points_mm": [[12, 20, 10], [12, 20, 10.05]]},
-            r"points_mm\[1\] = .*at least 0\.1 from trajectory\.points_mm\[0\]",
+            r"points_mm\[1\] = .*at least 0\.1 mm from trajectory\.points_mm\[0\]",
         ),
         (
             {**POINTS, "points_mm": [[12, 20, 0.05], [12, 20, 5]]},
-            r"points_mm\[0\] = .*at least 0\.1 from trajectory\.entry_mm",
+            r"points_mm\[0\] = .*at least 0\.1 mm from trajectory\.entry_mm",
         ),
         (
             {**POINTS, "points_mm": [[12, 20, 10], [14, 20, 20], [12, 20, 30]]},

@@ -10,12 +10,12 @@ import os
 import platform
 import subprocess
 import sys
+from importlib import import_module
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pytest
-from numpy._core._multiarray_umath import __cpu_features__  # type: ignore[import-not-found]
 
 from simcore.errors import Status
 from simcore.rollout.digest import digest
@@ -122,7 +122,8 @@ OTHERS: dict[str, dict[str, Any]] = {
     "hard": {**SMALL, "interaction": {"spacing_mm": 10, "line_compliance": False, "tip": "held", "puncture_n": 0.05}},
     "breathing": {**SMALL, "tissue": DYNAMIC, "motion": {"kind": "breathing", "amplitude_mm": 0.5, "period_s": 2}},
 }
-WIDE = [name for name in ("X86_V3", "X86_V4", "AVX512_ICL", "AVX512_SPR") if __cpu_features__.get(name)]
+FEATURES = import_module("numpy._core._multiarray_umath").__cpu_features__
+WIDE = [name for name in ("X86_V3", "X86_V4", "AVX512_ICL", "AVX512_SPR") if FEATURES.get(name)]
 PLAIN_C = ",".join(f"-{name}" for name in ("AVX2", "AVX2_Usable", "FMA", "FMA_Usable", "FMA4", "AVX512F", "AVX512VL"))
 PROCESSORS = {  # OpenBLAS's kernels, those of Numba, NumPy's loops, the functions of the C library
     **{f"OpenBLAS for {core}": {"OPENBLAS_CORETYPE": core} for core in ("Prescott", "Haswell", "SkylakeX")},

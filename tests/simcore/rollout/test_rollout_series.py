@@ -11,7 +11,9 @@ import pytest
 
 from simcore.errors import Status
 from simcore.rollout.authority import AUTHORITY
+from simcore.rollout.result import TIMES
 from simcore.rollout.rollout import run
+from simcore.rollout.series import SeriesBuilder, summary_ms
 from simcore.rotations import log_map, matrix_from_quaternion
 from tests.simcore.short_run import LINE, STEPS, replay, short
 
@@ -92,6 +94,19 @@ def test_frames_have_the_needle_and_its_contacts(plain: Rollout) -> None:
     assert series["strain_energy_j"][0] == pytest.approx(0.0, abs=1e-12)
     assert (np.diff(series["strain_energy_j"]) > 0.0).all()
     assert series["max_von_mises_pa"][-1] > 100.0
+
+
+def test_times_are_summed_up_in_milliseconds_without_the_row_before_the_first_step() -> None:
+    seconds = [0.001 * (i + 1) for i in range(101)]
+    assert summary_ms(seconds) == pytest.approx({"median_ms": 51, "p95_ms": 96, "p99_ms": 100, "max_ms": 101})
+    assert set(summary_ms([]).values()) == {None}
+    builder = SeriesBuilder.__new__(SeriesBuilder)
+    builder.rows = {name: [9.0, 0.001, 0.003] for name in TIMES}
+    timing = builder.timing(wall_s=0.5, simulated_s=2.0)
+    for name in TIMES:
+        assert (timing[name.removesuffix("_s")]["median_ms"], timing[name.removesuffix("_s")]["max_ms"]) == (2.0, 3.0)
+    assert timing["realtime_factor"] == 4.0
+    assert builder.timing(wall_s=0.0, simulated_s=2.0)["realtime_factor"] is None
 
 
 def test_row_0_is_the_initial_state(plain: Rollout) -> None:

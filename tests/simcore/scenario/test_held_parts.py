@@ -120,6 +120,7 @@ def on_mesh(**trajectory: Any) -> dict[str, Any]:
     return {"tissue": {"mesh_file": str(FILES / "nset_union.inp"), "fixed_sets": ["Fixed"]}, "trajectory": path}
 
 
+@pytest.mark.slow
 def test_an_entry_is_moved_to_the_surface_where_that_is_asked_for() -> None:
     """Within the distance, and once: the resolved scenario is the same scenario."""
     snapped = Scenario.load(on_mesh(entry_mm=[20, 20, -3.0], entry_snap_mm=5))

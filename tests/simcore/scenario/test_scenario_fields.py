@@ -35,6 +35,7 @@ def test_the_base_of_a_number_is_valid(field: NumberField) -> None:
     assert Scenario.load(data).resolved() == field.base
 
 
+@pytest.mark.slow
 @every_number_field
 @pytest.mark.parametrize("wrong", [True, False, "1", "x", None, [], {}, [1.0]], ids=repr)
 def test_a_number_of_another_type_is_refused(field: NumberField, wrong: Any) -> None:

@@ -69,6 +69,7 @@ def test_deep_json_is_refused(depth: int, opening: str, closing: str) -> None:
         assert len(str(refusal(data))) < 1000
 
 
+@pytest.mark.slow
 def test_deep_data_is_refused() -> None:
     data: Any = 1
     for _ in range(100_000):

@@ -176,6 +176,7 @@ def test_rotated_stiffness_is_the_tangent_at_rest() -> None:
     check(text, expected=0, measured=miss, tolerance=1e-7, source="central differences of the forces")
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("faces", [("y_min", "y_max"), ("z_max",), ("x_min", "x_max", "y_min", "y_max", "z_max")])
 def test_band_is_the_matrix_free_product(faces: tuple[str, ...]) -> None:
     """scale * sum R_e K_e R_e^T + diag on the free nodes, in band storage, against products with vectors."""

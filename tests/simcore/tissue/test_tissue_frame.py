@@ -94,6 +94,7 @@ def test_the_target_in_the_world_frame_stays() -> None:
     assert np.abs(rollout.series["tissue_m"] - rollout.series["tissue_rest_m"]).max() > 0.01
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("frame", "rmse_commanded_mm"), [("world", 0.1), ("tissue", 0.7)])
 def test_inverse_fem_tracks_either(frame: str, rmse_commanded_mm: float) -> None:
     """12 mm of breathing, a needle that keeps on the target to a fraction of it. In the tissue frame the tip drags the
@@ -103,6 +104,7 @@ def test_inverse_fem_tracks_either(frame: str, rmse_commanded_mm: float) -> None
     assert metrics["rmse_commanded_mm"] < rmse_commanded_mm
 
 
+@pytest.mark.slow
 def test_both_frames_are_the_same_path_at_rest() -> None:
     """The first rows agree: nothing has moved yet."""
     world, tissue = breathing_run("world").series, breathing_run("tissue").series
@@ -117,6 +119,7 @@ def segment_distance(point: Vector, line: Vector) -> float:
     return float(np.sqrt(np.sum((pieces - point) ** 2, axis=1).min()))
 
 
+@pytest.mark.slow
 def test_cross_track_is_measured_against_the_carried_path() -> None:
     """Rebuilt from the recorded tissue states; the path at rest, which the tip has left by 12 mm, would be wrong."""
     rollout = breathing_run("tissue")

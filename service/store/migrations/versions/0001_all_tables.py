@@ -5,7 +5,7 @@ from __future__ import annotations
 import sqlalchemy as sa
 from alembic import op
 
-revision = "owners_and_lanes"
+revision = "campaign_lanes"
 down_revision = None
 branch_labels = None
 depends_on = None
@@ -72,6 +72,7 @@ def _create_job() -> None:
         sqlite_where=sa.text("state = 'queued'"),
         postgresql_where=sa.text("state = 'queued'"),
     )
+    op.create_index("ix_job_lane_state", "job", ["lane", "state", "steps"])
     op.create_index("ix_job_state_seq", "job", ["state", "seq"])
     op.create_index("ix_job_outcome_seq", "job", ["outcome", "seq"])
 

@@ -1,0 +1,1 @@
+"""Results that travel: one archive with suite, arms, cases, chosen series and recordings, every byte under a digest."""

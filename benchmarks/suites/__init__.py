@@ -1,0 +1,1 @@
+"""The named suites: those of the paper, and those of our own."""

@@ -1,0 +1,1 @@
+"""Commands for results that are over: data sets, bundles, leaderboards, citations."""
