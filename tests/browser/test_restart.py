@@ -39,6 +39,7 @@ def test_the_page_outlives_its_server(server: Server) -> None:
         server.stop(signal.SIGKILL)
         page.locator("#away", has_text="does not respond").wait_for()
         page.get_by_role("button", name="Cancel").click()
+        page.get_by_role("button", name="Yes").click()
         page.locator("#messages .away").wait_for()
         with running_server(server.data, runner=RUNNER, workers=1, port=port) as again:
             page.locator("#job[data-attempt='2'] .state.running").wait_for()
