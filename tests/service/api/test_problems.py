@@ -43,7 +43,7 @@ def problem(answer: Any, status: int) -> dict[str, Any]:
     ("method", "path", "status"),
     [
         ("GET", "/nothing", 404),
-        ("GET", "/docs", 404),
+        ("GET", "/redoc", 404),
         ("PUT", JOBS, 405),
         ("GET", f"{JOBS}/", 404),
         ("GET", f"{JOBS}/unknown", 404),
