@@ -46,6 +46,7 @@ class Episode:
     `done` says that the last step has been made, or that the run ended before: by `status` and `message`. Two episodes
     of one scenario that are given the same commands are the same to the bit; so are those that go on from a snapshot.
 
+    >>> import numpy as np
     >>> episode = Episode({"tissue": {"element_size_mm": 10}, "trajectory": {"target_mm": [18, 31, 5]}})
     >>> seen, done = episode.reset(), False
     >>> while not done:
