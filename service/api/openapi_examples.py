@@ -28,6 +28,8 @@ JOB: dict[str, Any] = {
     "priority": 0,
     "timeout_s": 3600.0,
     "pinned": False,
+    "tags": ["liver", "paper-2"],
+    "note": "",
     "progress": {
         "fraction": 0.5,
         "step": 611,

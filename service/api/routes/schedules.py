@@ -4,13 +4,12 @@ from __future__ import annotations
 
 from typing import Annotated
 
-from fastapi import APIRouter, Header, Query, Request, Response, status
+from fastapi import APIRouter, Query, Request, Response, status
 
 from service.api.context import ServiceOf
 from service.api.json_bodies import JsonBodyRoute
 from service.api.openapi import documented
-from service.api.parameters import ScheduleId
-from service.api.problems import HttpError
+from service.api.parameters import IfMatch, ScheduleId, matched_version
 from service.api.schemas.schedules import (
     ScheduleList,
     SchedulePatch,
@@ -67,26 +66,15 @@ def change_schedule(
     service: ServiceOf,
     request: Request,
     response: Response,
-    if_match: Annotated[str | None, Header(description="ETag of the version that the change is based on.")] = None,
+    if_match: IfMatch = None,
 ) -> ScheduleView:
     """Fields that are left out keep their values. With If-Match nothing changes if somebody else was faster."""
     if body.campaign is not None:
         request.state.caller.require_priority(body.campaign.priority)
         service.planner.plan(body.campaign)
-    changed = service.schedules.change(schedule_id, body.values(), version=_version(if_match))
+    changed = service.schedules.change(schedule_id, body.values(), version=matched_version(if_match, "schedule"))
     response.headers["ETag"] = f'"{changed.version}"'
     return ScheduleView.of(changed)
-
-
-def _version(if_match: str | None) -> int | None:
-    if if_match is None or if_match.strip() == "*":
-        return None
-    text = if_match.strip().removeprefix("W/").strip('"')
-    if not text.isascii() or not text.isdigit() or len(text) > 18:
-        raise HttpError(
-            412, f"If-Match must be the ETag of the schedule, a number in quotes, and not {if_match[:40]!r}"
-        )
-    return int(text)
 
 
 @router.delete(

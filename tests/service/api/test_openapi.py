@@ -32,6 +32,8 @@ OPERATIONS = {
     "unpin_job": "DELETE /api/v1/jobs/{job_id}/pin",
     "get_job_events": "GET /api/v1/jobs/{job_id}/events",
     "get_events": "GET /api/v1/events",
+    "edit_job": "PATCH /api/v1/jobs/{job_id}",
+    "act_on_jobs": "POST /api/v1/jobs/actions",
     "delete_job": "DELETE /api/v1/jobs/{job_id}",
     "get_metrics": "GET /api/v1/jobs/{job_id}/metrics",
     "get_series": "GET /api/v1/jobs/{job_id}/series",

@@ -1,0 +1,153 @@
+"""The list of jobs in a real browser: its order, columns and groups in the address; many jobs at once; by keyboard."""
+
+from __future__ import annotations
+
+import re
+from typing import TYPE_CHECKING
+
+import pytest
+
+from tests.acceptance.server import Server, running_server
+from tests.browser.browser import PROGRAM, chromium, opened
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+
+    from playwright.sync_api import Browser, Page
+
+    from service.client.records import JobStatus
+
+pytest.importorskip("playwright.sync_api", reason="needs playwright, of the dev extra")
+pytestmark = [
+    pytest.mark.slow,
+    pytest.mark.skipif(PROGRAM is None, reason="needs chromium: no chromium or chromium-browser on the PATH"),
+]
+
+
+@pytest.fixture(scope="module")
+def server(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Server]:
+    with running_server(tmp_path_factory.mktemp("list"), runner="tests.browser.runner:run_job", workers=1) as started:
+        yield started
+
+
+@pytest.fixture(scope="module")
+def browser() -> Iterator[Browser]:
+    with chromium() as found:
+        yield found
+
+
+@pytest.fixture
+def page(browser: Browser, server: Server) -> Iterator[Page]:
+    with opened(browser, server.url) as found:
+        yield found
+
+
+def finished(server: Server, name: str, **scenario: object) -> JobStatus:
+    return server.client.wait(server.client.submit({"name": name, **scenario}).id)
+
+
+def names(page: Page) -> list[str]:
+    return page.locator("#jobs tr[data-key] th a:first-of-type").all_inner_texts()
+
+
+def box(page: Page, job: JobStatus) -> None:
+    """Choose a job."""
+    page.locator(f"tr[data-key='{job.id}'] input[name=job]").check()
+
+
+def test_order_columns_and_groups_are_kept_in_the_address(page: Page, server: Server) -> None:
+    for seed, name in enumerate(("b sorted", "c sorted", "a sorted")):
+        finished(server, name, seed=seed)
+    campaign = server.client.start_campaign({"name": "two sorted", "grid": {"tissue.young_kpa": [3, 6.3]}})
+    server.client.wait_campaign(campaign.id)
+    page.goto("/?q=sorted")
+    page.get_by_role("link", name="Job", exact=True).click()
+    page.wait_for_url("**/?q=sorted&sort=name")
+    assert names(page) == ["a sorted", "b sorted", "c sorted"]
+    page.get_by_role("link", name="Job", exact=True).click()
+    page.wait_for_url("**/?q=sorted&sort=name&down=1")
+    assert names(page) == ["c sorted", "b sorted", "a sorted"]
+    assert page.locator("th[aria-sort=descending]").count() == 1
+    page.get_by_role("link", name="RMSE").click()
+    page.wait_for_url("**sort=rmse")
+    errors = [float(text.split()[0]) for text in page.locator("td[data-label=RMSE]").all_inner_texts()]
+    assert errors == sorted(errors)
+    page.get_by_text("Columns", exact=True).click()
+    for column in ("Depth", "Strain", "Push, N", "Lateral force, N"):
+        page.get_by_role("checkbox", name=column, exact=True).uncheck()
+    page.get_by_role("checkbox", name="Took").check()
+    page.get_by_role("button", name="Show these").click()
+    page.wait_for_url("**column=duration")
+    assert "q=sorted" in page.url
+    assert "sort=rmse" in page.url
+    heads = page.locator("#jobs thead th").all_inner_texts()
+    assert "Took" in heads
+    assert "Strain" not in heads
+    page.reload()
+    assert page.locator("#jobs thead th").all_inner_texts() == heads
+    page.get_by_role("link", name="Show the usual ones").click()
+    page.wait_for_url(re.compile(r"sort=rmse$"))
+    page.get_by_label("grouped by campaign").check()
+    page.wait_for_url(re.compile(r"q=sorted&group=campaign&sort=rmse"))
+    page.goto("/?group=campaign")
+    groups = page.locator("#jobs tbody")
+    assert groups.nth(0).get_by_role("rowheader", name="Campaign two sorted").count() == 1
+    assert groups.nth(0).locator("tr[data-key]").count() == 2
+    assert groups.nth(1).get_by_role("rowheader", name="Single jobs").count() == 1
+    page.get_by_label("with the jobs of campaigns").check()
+    page.wait_for_url("**/?all=1&group=campaign")
+
+
+def test_many_jobs_are_cancelled_run_again_pinned_and_deleted_at_once(page: Page, server: Server) -> None:
+    running = server.client.submit({"name": "slow of many"})
+    waiting = server.client.submit({"name": "waits of many"})
+    page.goto("/?q=of many")
+    for job in (running, waiting):
+        box(page, job)
+    page.get_by_role("button", name="Cancel the chosen jobs").click()
+    page.get_by_role("button", name="No", exact=True).click()
+    assert server.client.job(waiting.id).state == "queued"
+    page.get_by_role("button", name="Cancel the chosen jobs").click()
+    page.get_by_role("button", name="Yes").click()
+    page.locator("#messages", has_text="2 jobs cancelled.").wait_for()
+    for job in (running, waiting):
+        page.locator(f"tr[data-key='{job.id}'] .state.cancelled").wait_for()
+    assert page.evaluate("document.activeElement.id") == "pick-all"
+    page.get_by_label("Choose all jobs of this page").check()
+    page.get_by_role("button", name="Pin the chosen jobs", exact=True).click()
+    page.locator("#messages", has_text="2 jobs pinned.").wait_for()
+    server.client.unpin(waiting.id)
+    page.get_by_label("Choose all jobs of this page").check()
+    page.get_by_role("button", name="Delete the chosen jobs").click()
+    page.get_by_role("button", name="Yes").click()
+    page.locator("#messages", has_text="1 job deleted, 1 job refused.").wait_for()
+    assert "slow of many: job" in page.locator("#messages li").inner_text()
+    page.locator(f"tr[data-key='{waiting.id}']").wait_for(state="detached")
+    assert page.locator("#picked-count").inner_text().startswith("1 chosen")  # the refused one
+    page.get_by_role("button", name="Unpin the chosen jobs").click()
+    page.locator("#messages", has_text="1 job no longer pinned.").wait_for()
+    box(page, running)
+    page.get_by_role("button", name="Retry the chosen jobs").click()
+    page.get_by_role("button", name="Yes").click()
+    page.locator("#messages", has_text="1 job queued again.").wait_for()
+    page.locator(f"tr[data-key='{running.id}'] .state.running").wait_for()
+    server.client.cancel(running.id)
+
+
+def test_many_jobs_are_reached_by_the_keyboard_and_the_focus_stays(page: Page, server: Server) -> None:
+    jobs = [finished(server, f"key {number}") for number in range(2)]
+    page.goto("/?q=key")
+    page.get_by_label("Choose all jobs of this page").focus()
+    page.keyboard.press("Space")
+    page.get_by_role("button", name="Pin the chosen jobs", exact=True).focus()
+    page.keyboard.press("Enter")
+    page.locator("#messages", has_text="2 jobs pinned.").wait_for()
+    assert all(server.client.job(job.id).raw["pinned"] for job in jobs)
+    page.locator("#jobs", has_text="pinned").wait_for()
+    link = page.locator(f"tr[data-key='{jobs[0].id}'] th a").first
+    link.focus()
+    finished(server, "key that comes later")  # above the one that has the focus
+    page.locator("#jobs", has_text="key that comes later").wait_for()
+    assert page.evaluate("document.activeElement.closest('tr').dataset.key") == jobs[0].id
+    page.keyboard.press("Enter")
+    page.wait_for_url(f"**/jobs/{jobs[0].id}")
