@@ -134,6 +134,7 @@ EXAMPLES: dict[str, dict[str, Any]] = {
         "id": _SCHEDULE,
         "name": "nightly",
         "cron": "0 2 * * *",
+        "words": "At 02:00 every day",
         "timezone": "Europe/Paris",
         "catchup": "latest",
         "overlap": "forbid",

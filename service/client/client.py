@@ -213,6 +213,11 @@ class Client(JobEdits, CampaignCalls, ModelCalls, UploadCalls):
         """Download series.npz (open it with numpy.load). Returns `path`."""
         return self._download(f"/api/v1/jobs/{part(job_id)}/series?format=npz", path)
 
+    def archive(self, job_id: str, path: Path) -> Path:
+        """Download all of a job that has ended as a ZIP archive: scenario, result, series, recording, log. Returns
+        `path`."""
+        return self._download(f"/api/v1/jobs/{part(job_id)}/zip", path)
+
     def verify(self, job_id: str, observer: Observer | None = None) -> Verdict:
         """Run the job's scenario again in this process and compare: identical, equal within 1e-6 mm, or different.
 

@@ -10,6 +10,7 @@ from fastapi import APIRouter, Query, Request, Response
 from benchmarks.paper.table import ARM_NAMES
 from service.admission.cost import LEAST_LIMIT_S
 from service.api.context import Service, ServiceOf
+from service.api.job_archive import archive_parts
 from service.api.parameters import JobId
 from service.api.schemas.campaigns import CampaignView
 from service.api.schemas.jobs import ArtefactView, EventView, JobRequest, JobSummary, JobView
@@ -149,6 +150,7 @@ def get_job(job_id: JobId, request: Request, service: ServiceOf) -> Response:
         cpu_s=job.cpu_s,
         memory_mb=job.max_rss_mb,
         artefacts=artefacts,
+        archive=archive_parts(service, job) if job.terminal else [],
         events=[EventView.of(event) for event in service.store.events(job.id)],
         **_what_ran(view),
         ways=ways_to_run(view.scenario, str(request.base_url).rstrip("/")) if view.scenario else {},

@@ -151,3 +151,36 @@ def test_many_jobs_are_reached_by_the_keyboard_and_the_focus_stays(page: Page, s
     assert page.evaluate("document.activeElement.closest('tr').dataset.key") == jobs[0].id
     page.keyboard.press("Enter")
     page.wait_for_url(f"**/jobs/{jobs[0].id}")
+
+
+def test_a_job_is_renamed_tagged_and_found_by_its_tag(page: Page, server: Server) -> None:
+    job = finished(server, "to be named")
+    page.goto(f"/jobs/{job.id}")
+    page.get_by_text("Name, tags, note").click()
+    page.get_by_label("Name", exact=True).fill("softer <liver>")
+    page.get_by_label("Tags").fill("liver, " + "x" * 41)
+    page.get_by_label("Note").fill("one\ntwo")
+    page.get_by_role("button", name="Save").click()
+    page.locator("input[data-field=tags][aria-invalid=true]").wait_for()
+    page.get_by_label("Tags").fill(" liver ,paper 2,, liver")
+    page.get_by_role("button", name="Save").click()
+    page.get_by_role("heading", name="softer <liver>").wait_for()
+    assert page.locator("#job .tag").all_inner_texts() == ["tag liver", "tag paper 2"]
+    assert page.locator("#job .note").inner_text() == "one\ntwo"
+    assert page.evaluate("document.activeElement.textContent") == "Save"
+    server.client.edit(job.id, note="by another")
+    page.get_by_label("Note").fill("mine")
+    page.get_by_role("button", name="Save").click()
+    page.locator("#messages", has_text="Somebody else changed this").wait_for()
+    assert server.client.job(job.id).note == "by another"
+    page.get_by_role("button", name="Save").click()
+    page.locator("#messages", has_text="Saved.").wait_for()
+    assert server.client.job(job.id).note == "mine"
+    page.goto("/")
+    page.get_by_label("Search for jobs").fill("PAPER")
+    page.keyboard.press("Enter")
+    page.wait_for_url("**/?q=PAPER")
+    assert names(page) == ["softer <liver>"]
+    page.locator("#jobs .tag", has_text="liver").click()
+    page.wait_for_url("**/?q=PAPER&tag=liver")
+    assert names(page) == ["softer <liver>"]

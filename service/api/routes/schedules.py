@@ -11,6 +11,7 @@ from service.api.json_bodies import JsonBodyRoute
 from service.api.openapi import documented
 from service.api.parameters import IfMatch, ScheduleId, matched_version
 from service.api.schemas.schedules import (
+    CronPreview,
     ScheduleList,
     SchedulePatch,
     ScheduleRequest,
@@ -44,6 +45,21 @@ def create_schedule(body: ScheduleRequest, service: ServiceOf, request: Request,
 def list_schedules(service: ServiceOf) -> ScheduleList:
     """All of them, by name."""
     return ScheduleList(items=[ScheduleView.of(one) for one in service.schedules.all()])
+
+
+@router.get(
+    "/preview",
+    operation_id="preview_cron",
+    summary="Read a cron line",
+    responses=documented(),
+)
+def preview_cron(
+    service: ServiceOf,
+    cron: Annotated[str, Query(min_length=1, max_length=200, description="As in 0 2 * * *.")],
+    timezone: Annotated[str, Query(min_length=1, max_length=64, description="IANA time zone.")] = "UTC",
+) -> CronPreview:
+    """The line as a sentence, and its next three moments."""
+    return CronPreview.of(cron, timezone, service.store.now)
 
 
 @router.get("/{schedule_id}", operation_id="get_schedule", summary="Read a schedule", responses=documented(404))

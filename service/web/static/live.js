@@ -89,17 +89,23 @@ export async function refresh() {
 }
 
 function exchange(fresh) {
+  let focused = null;
   for (const old of document.querySelectorAll("[data-live]")) {
     const now = fresh.getElementById(old.id);
     if (!now || now.outerHTML === read.get(old.id)) continue;
     read.set(old.id, now.outerHTML);
     const back = held(old);
+    const { scrollLeft } = old;
+    const own = old === document.activeElement; // a table that is scrolled by keys
     const opened = [...old.querySelectorAll("details")].map((one) => one.open);
     old.replaceWith(now);
     now.querySelectorAll("details").forEach((one, i) => { if (opened[i] !== undefined) one.open = opened[i]; });
     back(now);
+    now.scrollLeft = scrollLeft;
+    if (own) focused = now;
   }
   document.dispatchEvent(new CustomEvent("refreshed"));
+  focused?.focus({ preventScroll: true });
 }
 
 /** Nobody looks, or somebody is asked something whose button is in the page. */
