@@ -15,8 +15,6 @@ from service.files.zip_stream import ZipEntry
 from service.logs import LOG
 from service.store.job import Artefact, Job
 
-LOG_NAME = "log.txt"
-
 
 class Part(NamedTuple):
     """One file of the archive. source: its bytes, or where they lie."""
@@ -37,8 +35,8 @@ def archive_parts(service: Service, job: Job) -> list[Part]:
         Part(one.name, one.bytes, service.settings.data / one.path, one) for one in service.store.artefacts(job.id)
     ]
     log = service.settings.data / job.folder / LOG
-    if log.is_file():
-        parts.append(Part(LOG_NAME, log.stat().st_size, log))
+    if log.is_file() and LOG not in {part.name for part in parts}:  # of an attempt that left no result
+        parts.append(Part(LOG, log.stat().st_size, log))
     return parts
 
 

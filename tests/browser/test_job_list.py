@@ -184,3 +184,62 @@ def test_a_job_is_renamed_tagged_and_found_by_its_tag(page: Page, server: Server
     page.locator("#jobs .tag", has_text="liver").click()
     page.wait_for_url("**/?q=PAPER&tag=liver")
     assert names(page) == ["softer <liver>"]
+
+
+PHONE = {"width": 390, "height": 844}
+
+
+def test_on_a_phone_rows_are_cards_and_submit_stays_in_reach(page: Page, server: Server) -> None:
+    job = finished(server, "on a phone")
+    page.set_viewport_size({"width": 640, "height": 844})
+    page.goto("/?q=phone")
+    row = page.locator(f"tr[data-key='{job.id}']")
+    place = page.locator("#jobs")
+    assert row.evaluate("one => getComputedStyle(one).display") == "table-row"
+    assert place.get_attribute("tabindex") == "0"  # it is wider than the window: keys scroll it
+    assert place.get_attribute("role") == "region"
+    page.set_viewport_size(PHONE)
+    page.wait_for_function("!document.querySelector('#jobs').hasAttribute('tabindex')")
+    assert row.evaluate("one => getComputedStyle(one).display") == "block"
+    cell = row.locator("td[data-label=RMSE]")
+    assert cell.evaluate("one => getComputedStyle(one, '::before').content") == '"RMSE"'
+    assert row.get_by_role("cell").count() > 3  # still a table for those who hear it
+    page.get_by_label("Sorted by").select_option("rmse")
+    page.wait_for_url("**/?q=phone&sort=rmse")
+    page.goto("/submit")
+    button = page.get_by_role("button", name="Submit", exact=True)
+    for far in (0, 1500, 4000):
+        page.evaluate("y => scrollTo(0, y)", far)
+        page.wait_for_function("y => scrollY > 0 || y === 0", arg=far)
+        box_ = button.bounding_box()
+        assert box_ is not None
+        assert 0 <= box_["y"] <= PHONE["height"] - box_["height"], far
+
+
+def test_after_an_action_the_focus_is_where_it_was(page: Page, server: Server) -> None:
+    job = finished(server, "keeps the focus")
+    page.goto(f"/jobs/{job.id}")
+    page.get_by_role("button", name="Pin", exact=True).focus()
+    page.keyboard.press("Enter")
+    page.get_by_role("button", name="Unpin").wait_for()
+    assert page.evaluate("document.activeElement.textContent") == "Unpin"
+    page.keyboard.press("Enter")
+    page.get_by_role("button", name="Delete").wait_for()
+    assert page.evaluate("document.activeElement.textContent") == "Pin"
+    page.get_by_role("button", name="Delete").focus()
+    page.keyboard.press("Enter")
+    page.evaluate("document.dispatchEvent(new CustomEvent('changed'))")  # something happens while it is asked
+    page.get_by_role("button", name="No", exact=True).press("Enter")
+    page.wait_for_timeout(1500)
+    assert page.evaluate("document.activeElement.textContent") == "Delete"
+
+
+def test_the_cron_line_is_read_while_it_is_typed(page: Page) -> None:
+    page.goto("/schedules")
+    words = page.locator("#cron-words")
+    page.wait_for_function("document.querySelector('#cron-words').textContent.startsWith('At 02:00 every day. Next: ')")
+    page.get_by_label("Cron line").fill("30 6 * * 1-5")
+    page.locator("#cron-words", has_text="At 06:30 on Monday through Friday").wait_for()
+    assert words.inner_text().count(" 06:30") == 3 + 1
+    page.get_by_label("Cron line").fill("30 66 * * 1-5")
+    page.wait_for_function("document.querySelector('#cron-words').textContent === ''")

@@ -1,7 +1,7 @@
 // Tables where there is little space: on a phone each row of a wide one is a card whose values say what they are; one
 // that is still wider than its place can be scrolled by keys.
 
-const MOST_COLUMNS = 3; // that stay side by side on a phone
+const MOST_COLUMNS = 2; // that stay side by side on a phone
 
 /** Write the title of its column beside each value; the style sheet shows it where rows are cards. */
 function label(table) {

@@ -33,9 +33,9 @@ def test_the_archive_of_a_job_has_whatever_there_is_of_it(tmp_path: Path) -> Non
         assert int(answer.headers["content-length"]) == len(answer.content)
         with zipfile.ZipFile(io.BytesIO(answer.content)) as archive:
             names = set(archive.namelist())
-            assert names == {"job.json", "scenario.json", "result.json", "series.npz", "recording.rrd", "log.txt"}
+            assert names == {"job.json", "scenario.json", "result.json", "series.npz", "recording.rrd", LOG}
             assert archive.read("recording.rrd") == b"0123456789"
-            assert archive.read("log.txt") == b"said\n"
+            assert archive.read(LOG) == b"said\n"
             assert json.loads(archive.read("scenario.json"))["name"] == "whole"
             assert json.loads(archive.read("job.json"))["tags"] == ["a"]
             sizes = [one.file_size for one in archive.infolist()]
