@@ -34,7 +34,7 @@ class Column(NamedTuple):
 COLUMNS: dict[ColumnName, Column] = {
     "state": Column("State", "state", numeric=False, spare=False),
     "progress": Column("Progress", numeric=False, spare=False),
-    "depth": Column("Depth"),
+    "depth": Column("Depth", usual=False),
     "tip_error": Column("Tip error", spare=False),
     "rmse": Column("RMSE", "rmse", spare=False),
     "rcm": Column("RCM error, mm", "rcm"),

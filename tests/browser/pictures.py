@@ -30,10 +30,10 @@ class Picture(NamedTuple):
 
 
 PICTURES = (
-    Picture("page-jobs", "/?all=1", (1280, 760)),
+    Picture("page-jobs", "/?all=1", (1440, 860)),
     Picture("page-job", "/jobs/{job}", (1280, 900)),
     Picture("page-submit", "/submit?from=demo", (1280, 760)),
-    Picture("page-phone", "/?all=1", (390, 844), "dark"),
+    Picture("page-phone", "/?q=E#jobs", (390, 844), "dark"),
 )
 
 

@@ -7,13 +7,13 @@ from typing import TYPE_CHECKING
 
 import pytest
 
-from tests.acceptance.server import Server, running_server
+from tests.acceptance.server import Server, running_server, until
 from tests.browser.browser import PROGRAM, chromium, opened
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
-    from playwright.sync_api import Browser, Page
+    from playwright.sync_api import Browser, Locator, Page, ViewportSize
 
     from service.client.records import JobStatus
 
@@ -47,7 +47,7 @@ def finished(server: Server, name: str, **scenario: object) -> JobStatus:
 
 
 def names(page: Page) -> list[str]:
-    return page.locator("#jobs tr[data-key] th a:first-of-type").all_inner_texts()
+    return page.locator("#jobs tr[data-key] th > a").all_inner_texts()
 
 
 def box(page: Page, job: JobStatus) -> None:
@@ -73,7 +73,7 @@ def test_order_columns_and_groups_are_kept_in_the_address(page: Page, server: Se
     errors = [float(text.split()[0]) for text in page.locator("td[data-label=RMSE]").all_inner_texts()]
     assert errors == sorted(errors)
     page.get_by_text("Columns", exact=True).click()
-    for column in ("Depth", "Strain", "Push, N", "Lateral force, N"):
+    for column in ("Strain", "Push, N", "Lateral force, N"):
         page.get_by_role("checkbox", name=column, exact=True).uncheck()
     page.get_by_role("checkbox", name="Took").check()
     page.get_by_role("button", name="Show these").click()
@@ -85,6 +85,7 @@ def test_order_columns_and_groups_are_kept_in_the_address(page: Page, server: Se
     assert "Strain" not in heads
     page.reload()
     assert page.locator("#jobs thead th").all_inner_texts() == heads
+    page.get_by_text("Columns", exact=True).click()
     page.get_by_role("link", name="Show the usual ones").click()
     page.wait_for_url(re.compile(r"sort=rmse$"))
     page.get_by_label("grouped by campaign").check()
@@ -165,7 +166,8 @@ def test_a_job_is_renamed_tagged_and_found_by_its_tag(page: Page, server: Server
     page.get_by_label("Tags").fill(" liver ,paper 2,, liver")
     page.get_by_role("button", name="Save").click()
     page.get_by_role("heading", name="softer <liver>").wait_for()
-    assert page.locator("#job .tag").all_inner_texts() == ["tag liver", "tag paper 2"]
+    tags = [text.split("\n")[-1] for text in page.locator("#job .tag").all_inner_texts()]
+    assert tags == ["liver", "paper 2"]
     assert page.locator("#job .note").inner_text() == "one\ntwo"
     assert page.evaluate("document.activeElement.textContent") == "Save"
     server.client.edit(job.id, note="by another")
@@ -186,31 +188,37 @@ def test_a_job_is_renamed_tagged_and_found_by_its_tag(page: Page, server: Server
     assert names(page) == ["softer <liver>"]
 
 
-PHONE = {"width": 390, "height": 844}
+def displayed(row: Locator) -> str:
+    """How it is laid out; nothing for one that was replaced meanwhile."""
+    return row.evaluate("one => getComputedStyle(one).display")
+
+
+PHONE: ViewportSize = {"width": 390, "height": 844}
 
 
 def test_on_a_phone_rows_are_cards_and_submit_stays_in_reach(page: Page, server: Server) -> None:
     job = finished(server, "on a phone")
     page.set_viewport_size({"width": 640, "height": 844})
-    page.goto("/?q=phone")
+    wide = ("state", "progress", "rmse", "rcm", "push", "lateral", "drag", "strain", "stress", "submitted", "finished")
+    page.goto("/?q=phone" + "".join(f"&column={name}" for name in wide))
     row = page.locator(f"tr[data-key='{job.id}']")
     place = page.locator("#jobs")
-    assert row.evaluate("one => getComputedStyle(one).display") == "table-row"
-    assert place.get_attribute("tabindex") == "0"  # it is wider than the window: keys scroll it
+    until(lambda: displayed(row) == "table-row")
+    until(lambda: place.get_attribute("tabindex") == "0")  # it is wider than the window: keys scroll it
     assert place.get_attribute("role") == "region"
     page.set_viewport_size(PHONE)
-    page.wait_for_function("!document.querySelector('#jobs').hasAttribute('tabindex')")
-    assert row.evaluate("one => getComputedStyle(one).display") == "block"
+    until(lambda: place.get_attribute("tabindex") is None)
+    until(lambda: displayed(row) == "block")
     cell = row.locator("td[data-label=RMSE]")
-    assert cell.evaluate("one => getComputedStyle(one, '::before').content") == '"RMSE"'
+    until(lambda: cell.evaluate("one => getComputedStyle(one, '::before').content") == '"RMSE"')
     assert row.get_by_role("cell").count() > 3  # still a table for those who hear it
+    page.goto("/?q=phone")
     page.get_by_label("Sorted by").select_option("rmse")
     page.wait_for_url("**/?q=phone&sort=rmse")
     page.goto("/submit")
     button = page.get_by_role("button", name="Submit", exact=True)
     for far in (0, 1500, 4000):
         page.evaluate("y => scrollTo(0, y)", far)
-        page.wait_for_function("y => scrollY > 0 || y === 0", arg=far)
         box_ = button.bounding_box()
         assert box_ is not None
         assert 0 <= box_["y"] <= PHONE["height"] - box_["height"], far
@@ -237,9 +245,9 @@ def test_after_an_action_the_focus_is_where_it_was(page: Page, server: Server) -
 def test_the_cron_line_is_read_while_it_is_typed(page: Page) -> None:
     page.goto("/schedules")
     words = page.locator("#cron-words")
-    page.wait_for_function("document.querySelector('#cron-words').textContent.startsWith('At 02:00 every day. Next: ')")
+    until(lambda: words.inner_text().startswith("At 02:00 every day. Next: "))
     page.get_by_label("Cron line").fill("30 6 * * 1-5")
     page.locator("#cron-words", has_text="At 06:30 on Monday through Friday").wait_for()
     assert words.inner_text().count(" 06:30") == 3 + 1
     page.get_by_label("Cron line").fill("30 66 * * 1-5")
-    page.wait_for_function("document.querySelector('#cron-words').textContent === ''")
+    until(lambda: words.inner_text() == "")

@@ -413,7 +413,7 @@ def test_long_names_make_no_page_scroll_sideways_and_wide_tables_do_so_by_keys(p
         table.focus()
         for _ in range(5):
             page.keyboard.press("ArrowRight")
-        page.wait_for_function("document.activeElement.scrollLeft > 0")
+        until(lambda: page.evaluate("document.activeElement.scrollLeft > 0"))
 
 
 def test_a_service_that_is_away_is_told(browser: Browser, server: Server) -> None:
