@@ -5,7 +5,7 @@ from __future__ import annotations
 import time
 import zipfile
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, BinaryIO
+from typing import IO, TYPE_CHECKING, BinaryIO, cast
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
@@ -53,7 +53,7 @@ def zip_stream(entries: Sequence[ZipEntry], *, at: float) -> Iterator[bytes]:
     sink = _Sink()
     date = max(time.gmtime(at)[:6], (1980, 1, 1, 0, 0, 0))
     try:
-        with zipfile.ZipFile(sink, "w") as archive:  # type: ignore[arg-type]
+        with zipfile.ZipFile(cast("IO[bytes]", sink), "w") as archive:
             for entry in entries:
                 info = zipfile.ZipInfo(entry.name, date_time=date)
                 info.external_attr = 0o644 << 16
