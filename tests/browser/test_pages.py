@@ -16,7 +16,7 @@ from tests.service.learned import dataset_bytes
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
-    from playwright.sync_api import Browser, FilePayload, Page
+    from playwright.sync_api import Browser, FilePayload, Page, Route
 
 pytest.importorskip("playwright.sync_api", reason="needs playwright, of the dev extra")
 pytestmark = [
@@ -337,6 +337,7 @@ def test_a_model_is_trained_from_the_page_and_steered_by(page: Page) -> None:
     page.wait_for_url(re.compile("/jobs/[0-9a-z]+$"))
     ended(page)
     page.get_by_role("link", name="Open the model").click()
+    page.wait_for_url("**/models/*")
     page.get_by_role("heading", name="from the page.json").wait_for()
     assert page.locator(".errors rect").count() == 6
     page.get_by_role("button", name="Pin", exact=True).click()
@@ -348,6 +349,26 @@ def test_a_model_is_trained_from_the_page_and_steered_by(page: Page) -> None:
     page.goto("/models")
     page.get_by_role("link", name="from the page.json").first.click()
     page.locator("#used tbody tr").wait_for()
+
+
+def test_a_form_is_submitted_only_once_its_script_is_here(page: Page) -> None:
+    held: list[Route] = []
+
+    def hold(route: Route) -> None:
+        held.append(route)
+
+    page.route("**/submit.js*", hold)
+    page.goto("/submit", wait_until="commit")
+    submit = page.get_by_role("button", name="Submit", exact=True)
+    assert submit.is_disabled()
+    page.locator("#f-name").press("Enter")
+    assert page.url.endswith("/submit")
+    held[0].continue_()
+    page.locator("button[type=submit]:enabled").wait_for()
+    page.locator("#f-name").fill("brisk after the script")
+    submit.click()
+    page.wait_for_url(re.compile("/jobs/[0-9a-z]+$"))
+    page.get_by_role("heading", name="brisk after the script").wait_for()
 
 
 def test_the_keyboard_reaches_the_main_actions_in_order(page: Page) -> None:

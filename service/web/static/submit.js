@@ -1,5 +1,5 @@
 // The form of a scenario: changed fields become JSON; a drawing and an estimate follow.
-import { at, mark, quiet, send, unmark } from "./app.js";
+import { at, mark, quiet, send, submits, unmark } from "./app.js";
 import { curve, drawing, length } from "./draw.js";
 import { span } from "./live.js";
 
@@ -177,15 +177,15 @@ document.getElementById("reset").addEventListener("click", () => {
   quiet();
 });
 form.addEventListener("input", (event) => { if (event.target.id !== "preset") update(); });
-form.addEventListener("submit", async (event) => {
-  event.preventDefault();
+submits(form, async () => {
   const button = form.querySelector("button[type=submit]");
   button.disabled = true;
   sending = true;
   quiet();
   const answer = await send(at("/api/v1/jobs"), { body: body() });
+  sending = false;
   if (answer.ok) { location.assign(at(`/jobs/${answer.data.id}`)); return; }
-  button.disabled = sending = false;
+  button.disabled = false;
   mark(form, answer, "data-path", "@");
 });
 
