@@ -371,6 +371,29 @@ def test_a_form_is_submitted_only_once_its_script_is_here(page: Page) -> None:
     page.get_by_role("heading", name="brisk after the script").wait_for()
 
 
+def test_what_was_entered_survives_a_reload_and_is_not_replaced_unasked(page: Page) -> None:
+    page.goto("/submit?from=line")
+    page.locator("#f-name").fill("brisk and kept")
+    page.get_by_text("priority and time limit").click()
+    page.locator("#f-priority").fill("-3")
+    page.reload()
+    assert page.locator("#f-name").input_value() == "brisk and kept"
+    assert page.locator("#f-priority").input_value() == "-3"
+    assert page.locator("#preset").input_value() == "line"
+    page.locator("#preset").select_option("sine")
+    page.get_by_role("dialog").get_by_text("Replace what you entered by sine?").wait_for()
+    page.get_by_role("button", name="No").click()
+    assert page.locator("#f-name").input_value() == "brisk and kept"
+    assert page.locator("#preset").input_value() == "line"
+    page.locator("#preset").select_option("sine")
+    page.get_by_role("button", name="Yes").click()
+    page.wait_for_function("document.getElementById('f-name').value !== 'brisk and kept'")
+    page.locator("#preset").select_option("demo")  # nothing was entered since: nobody asks
+    page.reload()
+    assert page.locator("#preset").input_value() == "line"
+    assert not page.locator("#f-priority").is_visible()
+
+
 def test_the_keyboard_reaches_the_main_actions_in_order(page: Page) -> None:
     reached = []
     for _ in range(11):

@@ -128,7 +128,7 @@ export function unmark(root) {
 }
 
 /** Ask before an action that cannot be undone. */
-function confirmed(text) {
+export function confirmed(text) {
   const dialog = document.getElementById("confirm");
   dialog.querySelector("p").textContent = text;
   dialog.returnValue = "";

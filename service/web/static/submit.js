@@ -1,11 +1,12 @@
 // The form of a scenario: changed fields become JSON; a drawing and an estimate follow.
-import { at, mark, quiet, send, submits, unmark } from "./app.js";
+import { at, confirmed, mark, quiet, send, submits, unmark } from "./app.js";
 import { curve, drawing, length } from "./draw.js";
 import { span } from "./live.js";
 
 const form = document.getElementById("scenario");
 const presets = JSON.parse(form.dataset.presets);
 const given = JSON.parse(form.dataset.given);
+const preset = document.getElementById("preset");
 const fields = [...form.querySelectorAll("[data-path]")];
 const MOST_SHOWN = 4000; // characters of the JSON that are shown
 
@@ -53,11 +54,13 @@ function put(field, entered) {
 
 const valueAt = (data, path) => path.split(".").reduce((here, name) => here?.[name], data);
 
-function fill(data) {
+/** Put a scenario, and what else a job is given (as `body` has them), into the form. */
+function fill({ scenario, ...rest }) {
   unmark(form);
   for (const field of fields) {
-    if (field.dataset.path.startsWith("@")) continue;
-    let entered = valueAt(data, field.dataset.path);
+    const { path } = field.dataset;
+    if (path.startsWith("@")) { put(field, rest[path.slice(1)]); continue; }
+    let entered = valueAt(scenario, path);
     if (!["kind", "json"].includes(field.dataset.entry) && entered !== null && typeof entered === "object" && !Array.isArray(entered)) entered = undefined;
     put(field, entered);
   }
@@ -118,8 +121,31 @@ function update() {
     const count = [...group.querySelectorAll(".changed")].filter(counts).length;
     group.querySelector("[data-count]").textContent = count ? `${count} set` : "";
   }
+  keep(data);
   picture();
   ask();
+}
+
+const KEPT = `needlebench ${location.pathname}${location.search}`; // in this tab, so that a reload loses nothing
+let chosen = preset.value; // what the form was last filled from
+let typed = false; // whether anything was entered since
+
+function keep(data) {
+  try {
+    if (typed) sessionStorage.setItem(KEPT, JSON.stringify({ chosen, ...data }));
+    else sessionStorage.removeItem(KEPT);
+  } catch { /* a browser that keeps nothing */ }
+}
+
+function kept() {
+  try { return JSON.parse(sessionStorage.getItem(KEPT)); } catch { return null; }
+}
+
+/** Start from defaults, a preset or what the address asks for. */
+function startFrom(name) {
+  preset.value = chosen = name;
+  typed = false;
+  fill({ scenario: (name === "@given" ? given : presets[name]) ?? {} });
 }
 
 function picture() {
@@ -168,15 +194,17 @@ function ask() {
 
 let sending = false;
 
-document.getElementById("preset").addEventListener("change", ({ target }) => {
-  fill(target.value === "@given" ? given : { ...(presets[target.value] ?? {}) });
+preset.addEventListener("change", async () => {
+  const wanted = preset.value, { text } = preset.selectedOptions[0];
+  if (typed && !(await confirmed(`Replace what you entered by ${text.split(":")[0]}?`))) preset.value = chosen;
+  else startFrom(wanted);
 });
-document.getElementById("reset").addEventListener("click", () => {
-  document.getElementById("preset").value = "";
-  fill({});
-  quiet();
+document.getElementById("reset").addEventListener("click", () => { startFrom(""); quiet(); });
+form.addEventListener("input", ({ target }) => {
+  if (target === preset) return;
+  typed = true;
+  update();
 });
-form.addEventListener("input", (event) => { if (event.target.id !== "preset") update(); });
 submits(form, async () => {
   const button = form.querySelector("button[type=submit]");
   button.disabled = true;
@@ -184,9 +212,19 @@ submits(form, async () => {
   quiet();
   const answer = await send(at("/api/v1/jobs"), { body: body() });
   sending = false;
-  if (answer.ok) { location.assign(at(`/jobs/${answer.data.id}`)); return; }
+  if (answer.ok) {
+    typed = false;
+    keep();
+    location.assign(at(`/jobs/${answer.data.id}`));
+    return;
+  }
   button.disabled = false;
   mark(form, answer, "data-path", "@");
 });
 
-fill(given ?? {});
+const draft = kept();
+if (draft) {
+  preset.value = chosen = draft.chosen;
+  typed = true;
+  fill(draft);
+} else fill({ scenario: given ?? {} });
