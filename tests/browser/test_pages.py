@@ -82,7 +82,7 @@ def test_submit_from_the_form_and_follow_to_the_end(page: Page) -> None:
 
 
 def test_progress_is_told_while_it_runs_and_cancel_ends_it(page: Page, server: Server) -> None:
-    job = server.client.submit({"name": "slow to cancel"})
+    job = server.client.submit({"name": "lasting to cancel"})
     page.goto(f"/jobs/{job.id}")
     until(lambda: int(page.locator("[data-step]").inner_text()) >= 20)
     page.locator("#plot-error canvas").wait_for()
@@ -236,7 +236,7 @@ def test_a_scenario_survives_the_form(page: Page, server: Server) -> None:
 
 
 def test_the_list_follows_jobs_and_filters(page: Page, server: Server) -> None:
-    job = server.client.submit({"name": "slow in the list"})
+    job = server.client.submit({"name": "lasting in the list"})
     row = page.locator(f"tr[data-key='{job.id}']")
     row.locator(".state.running").wait_for()
     until(lambda: page.evaluate(f"document.querySelector(\"tr[data-key='{job.id}'] progress\").value") > 0.1)
