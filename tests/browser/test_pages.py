@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+import json
 import os
 import re
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import pytest
 
@@ -79,6 +80,9 @@ def test_submit_from_the_form_and_follow_to_the_end(page: Page) -> None:
     page.locator("#plot-error", has_text="depth").wait_for()
     page.get_by_label("over time").check()
     page.locator("#plot-error", has_text="time").wait_for()
+    for part in ("path", "tip", "needle"):
+        assert page.locator(f"#still svg .{part}").count() == 2, part
+    assert "The tip ended at 18.1, 31, 30 mm." in (page.locator("#still title").text_content() or "")
 
 
 def test_progress_is_told_while_it_runs_and_cancel_ends_it(page: Page, server: Server) -> None:
@@ -505,3 +509,42 @@ CONTRAST = """
   return found;
 }
 """
+
+
+@pytest.mark.parametrize(
+    "region",
+    [
+        {"kind": "box", "min_mm": [0, 0, 100], "max_mm": [36, 10, 127]},
+        {"kind": "sphere", "centre_mm": [18, 60, 60], "radius_mm": 12},
+        {"kind": "plane", "point_mm": [0, 0, 120], "normal": [0, 0, 1], "within_mm": 3},
+    ],
+    ids=lambda region: region["kind"],
+)
+def test_the_form_draws_the_regions_that_are_held(page: Page, region: dict[str, Any]) -> None:
+    page.goto("/submit")
+    page.locator("#drawing .held").first.wait_for(state="attached")
+    entered(page, "tissue.fixed_regions", json.dumps([region]))
+    assert page.locator("#drawing .region").count() == 2
+    assert page.locator("#drawing .held").count() == 0  # the faces of the default are held where nothing else is
+    assert "held: 1 region." in (page.locator("#drawing title").text_content() or "")
+
+
+def test_a_path_that_leaves_the_block_is_drawn_so(page: Page) -> None:
+    page.goto("/submit")
+    page.locator("#drawing .path").first.wait_for(state="attached")
+    assert page.locator("#drawing .beyond[points='']").count() == 2
+    entered(page, "trajectory.target_mm", "90")
+    assert page.locator("#drawing .beyond:not([points=''])").count() == 2
+    assert "which leaves the block" in (page.locator("#drawing title").text_content() or "")
+
+
+def entered(page: Page, path: str, text: str) -> None:
+    """Type into the first input of a field, whether its part of the form is open or not."""
+    page.locator(f'[data-path="{path}"]').evaluate(
+        """(field, text) => {
+            const control = field.querySelector("input, textarea");
+            control.value = text;
+            control.dispatchEvent(new Event("input", { bubbles: true }));
+        }""",
+        text,
+    )
