@@ -100,7 +100,7 @@ def test_order_columns_and_groups_are_kept_in_the_address(page: Page, server: Se
 
 
 def test_many_jobs_are_cancelled_run_again_pinned_and_deleted_at_once(page: Page, server: Server) -> None:
-    running = server.client.submit({"name": "slow of many"})
+    running = server.client.submit({"name": "lasting of many"})
     waiting = server.client.submit({"name": "waits of many"})
     page.goto("/?q=of many")
     for job in (running, waiting):
@@ -122,7 +122,7 @@ def test_many_jobs_are_cancelled_run_again_pinned_and_deleted_at_once(page: Page
     page.get_by_role("button", name="Delete the chosen jobs").click()
     page.get_by_role("button", name="Yes").click()
     page.locator("#messages", has_text="1 job deleted, 1 job refused.").wait_for()
-    assert "slow of many: job" in page.locator("#messages li").inner_text()
+    assert "lasting of many: job" in page.locator("#messages li").inner_text()
     page.locator(f"tr[data-key='{waiting.id}']").wait_for(state="detached")
     assert page.locator("#picked-count").inner_text().startswith("1 chosen")  # the refused one
     page.get_by_role("button", name="Unpin the chosen jobs").click()

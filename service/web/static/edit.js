@@ -1,5 +1,5 @@
 // Name, tags and note of a job. What somebody else wrote meanwhile is not overwritten unseen.
-import { at, mark, quiet, refuse, send, tell, unmark } from "./app.js";
+import { at, mark, quiet, refuse, send, submits, tell, unmark } from "./app.js";
 
 const form = document.getElementById("said");
 const url = at(`/api/v1/jobs/${form.dataset.job}`);
@@ -15,8 +15,7 @@ const written = () => ({
 const said = ({ name, tags, note }) => JSON.stringify({ name, tags, note });
 let known = said(written()); // what the service said when it was last asked
 
-form.addEventListener("submit", async (event) => {
-  event.preventDefault();
+async function save() {
   unmark(form);
   quiet();
   const body = written();
@@ -37,7 +36,9 @@ form.addEventListener("submit", async (event) => {
     return undefined;
   }
   return tell("The job changes too fast now. Try again.");
-});
+}
+
+submits(form, save);
 
 /** The job now, with its entity tag. */
 async function read() {
