@@ -28,7 +28,8 @@ LONGEST_CURSOR = 1000
 
 
 def _metric(name: str) -> ColumnElement[Any]:
-    return JOB.c.metrics[name].as_float()
+    value: ColumnElement[Any] = JOB.c.metrics[name].as_float()
+    return value
 
 
 _VALUES: dict[Sort, tuple[ColumnElement[Any], Any]] = {  # what is sorted by, and what stands for none
