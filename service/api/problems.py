@@ -21,11 +21,10 @@ from service.api.problem_codes import CODES, code_of
 from service.files.disk import REFUSALS
 from service.files.intact import DamagedFileError
 from service.store.campaign import CampaignActiveError, CampaignPinnedError, UnknownCampaignError
-from service.store.errors import OperationalError
+from service.store.errors import OperationalError, VersionChangedError
 from service.store.job import (
     IllegalTransitionError,
     InputGoneError,
-    JobChangedError,
     JobPinnedError,
     KeyReusedError,
     QueueFullError,
@@ -35,7 +34,7 @@ from service.store.job import (
 from service.store.job_lists import CursorError
 from service.store.keys import UnknownKeyError
 from service.store.models import UnknownModelError
-from service.store.schedule import ScheduleChangedError, ScheduleExistsError, UnknownScheduleError
+from service.store.schedule import ScheduleExistsError, UnknownScheduleError
 from service.store.uploads import UnknownUploadError, UploadInUseError, UploadsFullError
 from simcore.errors import Problem, ScenarioError
 
@@ -59,11 +58,10 @@ CODE_OF: dict[type[Exception], str] = {  # of errors whose own message is the de
     CursorError: "invalid",
     IllegalTransitionError: "job-state",
     InputGoneError: "job-input-gone",
-    JobChangedError: "version-changed",
     JobPinnedError: "job-pinned",
     ScheduleExistsError: "schedule-exists",
     UploadInUseError: "upload-in-use",
-    ScheduleChangedError: "version-changed",
+    VersionChangedError: "version-changed",
     UploadGoneError: "upload-gone",
     UploadsFullError: "uploads-full",
     DamagedFileError: "file-damaged",

@@ -1,4 +1,4 @@
-"""What a database may raise, for those above the store who can go on without it."""
+"""What a database may raise, for those above the store who can go on without it; what every kind of row may."""
 
 from __future__ import annotations
 
@@ -13,6 +13,19 @@ from sqlalchemy.exc import (
     SQLAlchemyError,
 )
 
-__all__ = ["REFUSED_VALUES", "DBAPIError", "DatabaseError", "OperationalError", "SQLAlchemyError"]
+from simcore.errors import NeedlebenchError
+
+__all__ = [
+    "REFUSED_VALUES",
+    "DBAPIError",
+    "DatabaseError",
+    "OperationalError",
+    "SQLAlchemyError",
+    "VersionChangedError",
+]
 
 REFUSED_VALUES = (DataError, IntegrityError, InterfaceError, ProgrammingError)  # however often they are tried
+
+
+class VersionChangedError(NeedlebenchError):
+    """Somebody else changed it meanwhile: the version that a change is based on is not the newest."""

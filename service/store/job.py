@@ -81,10 +81,6 @@ class IllegalTransitionError(NeedlebenchError):
         super().__init__(f"job {job_id} is {state}: it cannot become {wanted}")
 
 
-class JobChangedError(NeedlebenchError):
-    """Somebody else changed the job meanwhile."""
-
-
 class JobPinnedError(IllegalTransitionError):
     """The job is pinned: it is kept until somebody unpins it."""
 

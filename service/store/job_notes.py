@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Any
 
 from sqlalchemy import update
 
-from service.store.job import JobChangedError
+from service.store.errors import VersionChangedError
 from service.store.job_queries import JOB, read
 from service.store.transitions import Transitions
 
@@ -22,13 +22,13 @@ class JobNotes(Transitions):
     def edit(self, job_id: str, values: dict[str, Any], *, version: int | None = None) -> Job:
         """Give a job another name, other tags, another note; values: those of the three that are given.
 
-        version: that which the change is based on, None = any. Raises JobChangedError when it has another by now,
+        version: that which the change is based on, None = any. Raises VersionChangedError when it has another by now,
         UnknownJobError.
         """
         with self._write() as connection:
             job = read(connection, job_id)
             if version is not None and version != job.version:
-                raise JobChangedError(f"job {job_id} was changed meanwhile: it has version {job.version}")
+                raise VersionChangedError(f"job {job_id} was changed meanwhile: it has version {job.version}")
             changed = {name: value for name, value in values.items() if value != getattr(job, name)}
             if not changed:
                 return job

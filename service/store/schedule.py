@@ -32,10 +32,6 @@ class ScheduleExistsError(NeedlebenchError):
     """There is a schedule of this name already."""
 
 
-class ScheduleChangedError(NeedlebenchError):
-    """Somebody else changed the schedule meanwhile."""
-
-
 @dataclass(frozen=True, kw_only=True)
 class Schedule:
     """One row of the schedule table; `request` is of the campaign that each tick starts. Times: UTC s since 1970."""

@@ -12,6 +12,7 @@ from sqlalchemy import Connection, Row, delete, insert, select, update
 from sqlalchemy.exc import IntegrityError
 
 from service.store.campaign import RUNNING, CampaignPlan
+from service.store.errors import VersionChangedError
 from service.store.job import QueueFullError
 from service.store.schedule import (
     FAILED,
@@ -19,7 +20,6 @@ from service.store.schedule import (
     OVERLAP,
     STARTED,
     Schedule,
-    ScheduleChangedError,
     ScheduleExistsError,
     ScheduleRun,
     UnknownScheduleError,
@@ -60,12 +60,12 @@ class ScheduleStore:
     def change(self, schedule_id: str, values: dict[str, Any], *, version: int | None) -> Schedule:
         """Other values for some fields; version: the one that the caller has seen. The next tick is computed again.
 
-        Raises UnknownScheduleError, ScheduleChangedError, ScheduleExistsError, ScenarioError.
+        Raises UnknownScheduleError, VersionChangedError, ScheduleExistsError, ScenarioError.
         """
         with self._writing_one(values.get("name", "")) as connection:  # nobody writes between reading and writing
             now = self._read(connection, schedule_id)
             if version is not None and version != now.version:
-                raise ScheduleChangedError(
+                raise VersionChangedError(
                     f"schedule {schedule_id} is at version {now.version}, not at {version}: read it again"
                 )
             timing = {name: values.get(name, getattr(now, name)) for name in ("cron", "timezone")}

@@ -122,7 +122,7 @@ def test_a_name_holds_no_line_ends_and_no_marks_of_direction(http: TestClient, n
 
 def test_allow_names_every_method_of_the_address(http: TestClient) -> None:
     assert http.put(JOBS).headers["allow"] == "GET, HEAD, POST"
-    assert http.put(f"{JOBS}/abc").headers["allow"] == "DELETE, GET, HEAD"
+    assert http.put(f"{JOBS}/abc").headers["allow"] == "DELETE, GET, HEAD, PATCH"
     assert http.put(f"{SCHEDULES}/abc").headers["allow"] == "DELETE, GET, HEAD, PATCH"
 
 
