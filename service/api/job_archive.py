@@ -17,10 +17,10 @@ from service.store.job import Artefact, Job
 
 
 class Part(NamedTuple):
-    """One file of the archive. source: its bytes, or where they lie."""
+    """One file of the archive. size: bytes. source: its bytes, or where they lie."""
 
     name: str
-    bytes: int
+    size: int
     source: bytes | Path
     artefact: Artefact | None = None
 
@@ -50,12 +50,12 @@ def open_parts(parts: list[Part]) -> list[ZipEntry]:
     DamagedFileError for one that is not what was written."""
     for part in parts:
         if part.artefact is not None and isinstance(part.source, Path):
-            check_intact(part.source, sha256=part.artefact.sha256, size=part.bytes, name=part.name)
+            check_intact(part.source, sha256=part.artefact.sha256, size=part.size, name=part.name)
     entries: list[ZipEntry] = []
     try:
         for part in parts:
             content = io.BytesIO(part.source) if isinstance(part.source, bytes) else part.source.open("rb")
-            entries.append(ZipEntry(part.name, part.bytes, content))
+            entries.append(ZipEntry(part.name, part.size, content))
     except OSError:
         for entry in entries:
             entry.content.close()

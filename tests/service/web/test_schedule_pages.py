@@ -47,7 +47,7 @@ def test_the_page_and_the_preview_say_a_cron_line_in_words_with_its_next_moments
             assert (answer.status_code, answer.json()["errors"][0]["field"]) == (422, field)
 
 
-def trend(losses: tuple[TrendLoss, ...] = (), **marks: str) -> Trend:
+def trend(marks: dict[str, str], losses: tuple[TrendLoss, ...] = ()) -> Trend:
     whole: dict[str, Any] = {
         "campaign": "a", "at": AT, "commit": "c", "machine": "m", "cases": 4, "successes": 4, "median_rmse_mm": 0.1,
         "beside": {}, "step_ms": None, "accuracy_why": "1", "success_why": "2", "time_why": "3",
@@ -71,11 +71,11 @@ def trend(losses: tuple[TrendLoss, ...] = (), **marks: str) -> Trend:
 def test_no_regression_is_said_of_what_could_be_judged_alone(
     marks: dict[str, str], text: str, open_: list[str]
 ) -> None:
-    found = verdict_of(trend(**marks))
+    found = verdict_of(trend(marks))
     assert (found.text, [name for name, _ in found.open]) == (text, open_)
     assert (found.state == "done") == text.startswith("no regression")
 
 
 def test_a_loss_that_lasts_is_said() -> None:
     loss = TrendLoss(figure="accuracy", campaign="b", at=AT, commit=None, good_commit=None, why="w")
-    assert verdict_of(trend((loss,))).text == "worse since 2026-11-01 00:00:00"
+    assert verdict_of(trend({}, (loss,))).text == "worse since 2026-11-01 00:00:00"
