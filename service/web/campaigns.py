@@ -15,7 +15,7 @@ from service.api.parameters import CampaignId, Cursor
 from service.api.schemas.campaigns import CampaignState, CampaignView, ComparisonView
 from service.campaigns.cases import FIELDS, MEASURES, CaseResult, Column, scores, sorted_cases
 from service.campaigns.comparison import arms_of, compare_campaigns, compare_within
-from service.campaigns.fronts import fronts
+from service.campaigns.fronts import Front, fronts
 from service.campaigns.overview import campaign_page, overview
 from service.campaigns.results import outcomes
 from service.store.campaign import Campaign, UnknownCampaignError
@@ -152,8 +152,14 @@ def get_compare(
         chosen={"a": a, "b": b, "first": first, "second": second},
         body=body,
         comparison=comparison,
+        fronts=front_pictures(_fronts(service, a)) if comparison and not b else [],
         problem=problem,
     )
+
+
+def _fronts(service: Service, campaign_id: str) -> list[Front]:
+    """All arms of a campaign by error and cost."""
+    return fronts(scores(rows(outcomes(service.campaigns.cases(campaign_id)))))
 
 
 def _comparison(service: Service, body: dict[str, Any]) -> tuple[dict[str, Any] | None, str]:

@@ -3,17 +3,17 @@
 from __future__ import annotations
 
 import re
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import pytest
 
 from tests.acceptance.server import Server, running_server
 from tests.browser.browser import PROGRAM, chromium, opened
-from tests.browser.stored import by_stiffness_and_gain, end_all
+from tests.browser.stored import Measured, by_stiffness_and_gain, end_all
 from tests.service.http import idle_service
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator
+    from collections.abc import Callable, Iterator
 
     from playwright.sync_api import Browser, Page
 
@@ -34,6 +34,22 @@ THREE_AXES = {
 }
 
 
+HISTORY = {
+    "name": "every night",
+    "scenario": {"noise_mm": 0.1},
+    "grid": {"controller.kind": ["ifem", "open_loop"], "seed": [0, 1, 2]},
+}
+
+
+def worse_from_the_fourth(run: int) -> Callable[[dict[str, Any]], Measured | None]:
+    def measure(scenario: dict[str, Any]) -> Measured | None:
+        known = by_stiffness_and_gain(scenario)
+        assert known is not None
+        return {**known, "rmse_commanded_mm": known["rmse_commanded_mm"] * (1.2 if run >= 3 else 1.0)}
+
+    return measure
+
+
 @pytest.fixture(scope="module")
 def site(tmp_path_factory: pytest.TempPathFactory) -> Iterator[tuple[Server, dict[str, str]]]:
     """A service whose campaigns have ended, and their ids by name."""
@@ -42,6 +58,9 @@ def site(tmp_path_factory: pytest.TempPathFactory) -> Iterator[tuple[Server, dic
         for body in (TWO_AXES, THREE_AXES):
             made[str(body["name"])] = http.post("/api/v1/campaigns", json=body).json()["id"]
             end_all(service, by_stiffness_and_gain)
+        for run in range(6):
+            http.post("/api/v1/campaigns", json=HISTORY)
+            end_all(service, worse_from_the_fourth(run))
     with running_server(folder, runner="tests.browser.runner:run_job", workers=1) as server:
         yield server, made
 
@@ -124,6 +143,22 @@ def test_arms_are_placed_by_error_and_cost_and_the_beaten_ones_are_named(
         assert picture.locator("path.front").count() == 1
 
 
+def test_a_suite_has_profiles_by_arm_and_its_history_with_the_step_marked(page: Page) -> None:
+    page.goto("/suites")
+    page.get_by_role("link", name="every night").click()
+    page.get_by_role("heading", name="Profiles of the latest campaign").wait_for()
+    assert page.locator(".marks li").all_inner_texts() == ["Arm:", "I-FEM", "open loop"]
+    assert page.locator(".points path.line").count() == 2
+    card = page.locator(".multiples .card", has=page.get_by_role("heading", name="RMSE, mm, median"))
+    assert card.locator("path.step.worse").count() == 1
+    assert "worse since" in card.locator("figcaption").inner_text()
+    push = page.locator(".multiples .card", has=page.get_by_role("heading", name="Push, N"))
+    assert push.locator("path.step").count() == 0
+    assert push.locator("figcaption").inner_text().endswith("no step.")
+    card.get_by_role("link", name="the campaign with the step").click()
+    page.get_by_role("heading", name="every night done").wait_for()
+
+
 @pytest.mark.parametrize("scheme", ["light", "dark"])
 def test_pictures_fit_a_phone_in_both_schemes(
     browser: Browser, site: tuple[Server, dict[str, str]], scheme: str
@@ -131,9 +166,11 @@ def test_pictures_fit_a_phone_in_both_schemes(
     from tests.browser.test_pages import CONTRAST
 
     with opened(browser, site[0].url, color_scheme=scheme) as page:
-        for campaign in site[1].values():
-            page.goto(f"/campaigns/{campaign}")
+        compared = f"/compare?a={site[1]['three axes']}&every=1"
+        campaigns = [f"/campaigns/{campaign}" for campaign in site[1].values()]
+        for address in (*campaigns, compared, "/suites", "/suites/every night"):
+            page.goto(address)
             for width in (390, 1440):
                 page.set_viewport_size({"width": width, "height": 900})
-                assert page.evaluate("document.documentElement.scrollWidth <= innerWidth"), (campaign, width)
+                assert page.evaluate("document.documentElement.scrollWidth <= innerWidth"), (address, width)
             assert not page.evaluate(CONTRAST)

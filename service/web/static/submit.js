@@ -1,6 +1,7 @@
 // The form of a scenario: changed fields become JSON; a drawing and an estimate follow.
 import { at, mark, quiet, send, unmark } from "./app.js";
 import { curve, drawing, length } from "./draw.js";
+import { takeFiles } from "./drop.js";
 import { span } from "./live.js";
 
 const form = document.getElementById("scenario");
@@ -9,7 +10,7 @@ const given = JSON.parse(form.dataset.given);
 const fields = [...form.querySelectorAll("[data-path]")];
 const MOST_SHOWN = 4000; // characters of the JSON that are shown
 
-const inputs = (field) => [...field.querySelectorAll("input, select, textarea")];
+const inputs = (field) => [...field.querySelectorAll("input:not([type=file]), select, textarea")];
 const same = (a, b) => JSON.stringify(a) === JSON.stringify(b);
 const sorted = (list) => [...(list ?? [])].sort();
 
@@ -189,4 +190,12 @@ form.addEventListener("submit", async (event) => {
   mark(form, answer, "data-path", "@");
 });
 
+for (const input of form.querySelectorAll("input[data-send]")) {
+  const field = input.closest("[data-path]");
+  field.classList.add("drop");
+  takeFiles(field, input, {
+    kind: () => input.dataset.send,
+    sent: ({ reference }) => { put(field, reference); update(); },
+  });
+}
 fill(given ?? {});
