@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 import pytest
 
 from tests.acceptance.server import Server, running_server, until
-from tests.browser.browser import PROGRAM, chromium, opened
+from tests.browser.browser import PATIENCE_MS, PROGRAM, chromium, opened
 from tests.service.http import idle_service
 
 if TYPE_CHECKING:
@@ -61,7 +61,7 @@ def test_a_mesh_is_dropped_drawn_used_and_deleted_once_no_job_waits_for_it(page:
     assert page.locator("#file").get_attribute("aria-invalid") == "true"
     page.evaluate(DROP, ["#drop", "liver.msh", MESH.read_text()])
     row = page.locator("#uploads tr", has_text="liver.msh")
-    row.locator("img").wait_for()
+    row.locator("img").wait_for(timeout=3 * PATIENCE_MS)  # it is checked in a process of its own
     until(lambda: page.evaluate("document.querySelector('#uploads img').naturalWidth") > 0)
     assert "this machine" in row.inner_text()
     row.get_by_role("link", name="liver.msh", exact=True).click()
@@ -88,9 +88,9 @@ def test_a_file_that_is_dropped_on_the_form_of_a_job_is_sent_and_named_in_its_fi
     page.locator("details[data-group=tissue]").evaluate("(one) => { one.open = true; }")
     field = page.locator("[data-path='tissue.mesh_file']")
     page.evaluate(DROP, ["[data-path='tissue.mesh_file']", "bad.msh", "no mesh"])
-    field.locator(".problem", has_text="cannot be used as a mesh").wait_for()
+    field.locator(".problem", has_text="cannot be used as a mesh").wait_for(timeout=3 * PATIENCE_MS)
     field.locator("input[type=file]").set_input_files(MESH)
-    field.get_by_text("mesh.msh is here.").wait_for()
+    field.get_by_text("mesh.msh is here.").wait_for(timeout=3 * PATIENCE_MS)
     assert re.fullmatch(r"artefact:[0-9a-f]{64}\.msh", page.locator("#f-tissue-mesh_file").input_value())
     page.get_by_text("JSON that will be sent").first.click()
     assert '"mesh_file": "artefact:' in page.locator("#json").inner_text()

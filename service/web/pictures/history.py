@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from service.campaigns.trends import SuiteTrend, TrendRun
 
 WIDTH, HEIGHT = 340, 150  # px
-LEFT, RIGHT, TOP, BOTTOM = 52, 12, 12, 12
+LEFT, RIGHT, TOP, BOTTOM = 52, 12, 24, 12
 SUCCESS = "Successful, %"
 
 
@@ -92,8 +92,8 @@ def _svg(
     for step, change in zip(steps, changes, strict=True):
         x = (places[step.at - 1][0] + places[step.at][0]) / 2
         kind = "worse" if change.worse else "better"
-        parts.append(f'<path class="step {kind}" d="M{x:.1f} {HEIGHT - BOTTOM}V{TOP}"/>')
-        parts.append(text(x + 4, TOP + 8, f"{'▲' if step.after > step.before else '▼'} {kind}", "start"))
+        parts.append(f'<path class="step {kind}" d="M{x:.1f} {HEIGHT - BOTTOM}V4"/>')
+        parts.append(text(x + 4, 14.0, f"{'▲' if step.after > step.before else '▼'} {kind}", "start"))
     edges = [0, *(step.at for step in steps), len(values)]
     levels = [steps[0].before, *(step.after for step in steps)] if steps else []
     for level, start, end in zip(levels, edges, edges[1:], strict=False):

@@ -189,7 +189,7 @@ def test_commanded_and_actual_motion_are_told_apart(kept: tuple[Path, Keeper]) -
     values = command.values(Step(after, Moment.of(after), before, 0.01))
     names = [name for name, _ in command.series]
     assert dict(zip(names, values, strict=True)) == pytest.approx(
-        {"commanded speed, mm/s": 200.0, "speed, mm/s": 100.0, "rotation, deg/s": 0.0, "limited": 1.0}
+        {"commanded speed, mm/s": 200.0, "speed, mm/s": 100.0, "rotation, deg/s": 0.0, "limited, 1 = yes": 1.0}
     )
     assert static(kept[0], command.entity)["SeriesLines:names"] == names
 
@@ -256,7 +256,7 @@ def test_the_layout_shows_entities_that_exist(kept: tuple[Path, Keeper]) -> None
         if "ViewBlueprint:space_origin" in chunk.to_record_batch().schema.names
         for (origin,) in chunk.to_record_batch().column("ViewBlueprint:space_origin").to_pylist()
     ]
-    assert len(origins) == 9
+    assert len(origins) == 11
     for origin in origins:
         assert any(entity == origin or entity.startswith(f"{origin}/") for entity in entities), origin
 
