@@ -81,10 +81,15 @@ def everything_so_far() -> rrb.VisibleTimeRanges:
 
 
 def _eye(scene: Scene) -> rrb.EyeControls3D:
-    """Sees the whole block, and the needle before it enters, with the path's plane nearly face on."""
-    along, across, normal = path_plane(scene.path_m)
+    """Sees the whole block, and the needle before it enters."""
+    along = path_plane(scene.path_m)[0]
     base = scene.path_m[0] - along * scene.scenario.needle.length_mm * 1e-3
-    points = np.vstack([scene.tissue_rest_m, base, legend_corners(scene)])
+    return eye_on(np.vstack([scene.tissue_rest_m, base, legend_corners(scene)]), scene.path_m)
+
+
+def eye_on(points: Floats, path_m: Floats) -> rrb.EyeControls3D:
+    """Sees all points (n, 3) m, with the plane of the path (p, 3) m nearly face on."""
+    along, across, normal = path_plane(path_m)
     backward = _unit(0.8 * normal + 0.45 * along + 0.4 * across)
     right = _unit(np.cross(across, backward))
     up = np.cross(backward, right)

@@ -11,6 +11,8 @@ import warnings
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+import numpy as np
+
 from service.recording.viewer import check_readable, environment
 from simcore.errors import NeedlebenchError
 
@@ -61,7 +63,7 @@ def write(recordings: Mapping[str, Path], target: Path) -> None:
     stream = rr.RecordingStream("needlebench", recording_id=f"together-{'-'.join(map(_root, range(len(recordings))))}")
     stream.set_log_time_enabled(False)
     stream.set_log_tick_enabled(False)
-    write_to_file(stream, target, _blueprint(list(recordings)), "needlebench")
+    write_to_file(stream, target, _blueprint(list(recordings), _eye_on(next(iter(recordings.values())))), "needlebench")
     stream.send_recording_name(", ".join(recordings))
     for number, (name, path) in enumerate(recordings.items()):
         for chunk in _chunks(path, number):
@@ -91,6 +93,27 @@ def _chunks(path: Path, number: int) -> Iterator[Chunk]:
                 yield chunk.with_entity_path(f"/{_root(number)}{entity}")
 
 
+def _eye_on(path: Path) -> rrb.EyeControls3D | None:
+    """Where the first recording is looked at from; None where it has no tissue yet."""
+    from rerun.chunk import RrdReader
+
+    from service.recording.layout import eye_on
+
+    parts: dict[str, np.ndarray] = {}
+    wanted = {"/world/path": "LineStrips3D:strips", "/world/needle": "LineStrips3D:strips"}
+    wanted["/world/tissue/surface"] = "Mesh3D:vertex_positions"
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        for chunk in RrdReader(path).stream():
+            name = wanted.get(chunk.entity_path)
+            batch = None if name is None or chunk.entity_path in parts else chunk.to_record_batch()
+            if batch is not None and name in batch.schema.names:
+                parts[chunk.entity_path] = np.array(batch.column(name)[0].as_py(), float).reshape(-1, 3)
+    if len(parts) < len(wanted):
+        return None
+    return eye_on(np.vstack([parts["/world/tissue/surface"], parts["/world/needle"]]), parts["/world/path"])
+
+
 def _root(number: int) -> str:
     return f"run{number + 1}"
 
@@ -101,7 +124,7 @@ def _color(number: int) -> tuple[int, int, int]:
     return (ORANGE, CYAN, GREEN, MAGENTA, YELLOW, WHITE)[number]
 
 
-def _blueprint(names: Sequence[str]) -> rrb.Blueprint:
+def _blueprint(names: Sequence[str], eye: rrb.EyeControls3D | None) -> rrb.Blueprint:
     import rerun.blueprint as rrb  # half a second and 90 MB that the service need not pay
 
     from service.recording.layout import scene_view
@@ -112,7 +135,7 @@ def _blueprint(names: Sequence[str]) -> rrb.Blueprint:
         return rrb.TimeSeriesView(origin="/", contents=contents, name=title, plot_legend=legend)
 
     scenes = [
-        scene_view("displacement", root=f"/{_root(number)}", title=f"{name}: tissue displacement")
+        scene_view("displacement", root=f"/{_root(number)}", title=f"{name}: tissue displacement", eye=eye)
         for number, name in enumerate(names)
     ]
     plots = [plot("error", "Errors"), plot("forces", "Forces"), plot("tissue", "Tissue"), plot("depth", "Depth")]

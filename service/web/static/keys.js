@@ -1,11 +1,10 @@
 // Keys: a new one is shown once, here and nowhere else.
-import { mark, quiet, send, unmark, at } from "./app.js";
+import { at, mark, quiet, send, submits, unmark } from "./app.js";
 import { refresh } from "./live.js";
 
 const form = document.getElementById("create");
 
-form?.addEventListener("submit", async (event) => {
-  event.preventDefault();
+if (form) submits(form, async () => {
   unmark(form);
   quiet();
   const field = (name) => form.querySelector(`[data-field=${name}]`);

@@ -1,5 +1,5 @@
 // Models: the form of a training, and uploads.
-import { at, mark, quiet, send, unmark } from "./app.js";
+import { at, mark, quiet, send, submits, unmark } from "./app.js";
 import { takeFiles } from "./drop.js";
 import { follow, refresh } from "./live.js";
 
@@ -36,8 +36,7 @@ drop("file", "dataset", ({ name, reference, content }) => {
 });
 drop("model-file", "model", ({ id }) => location.assign(at(`/models/${id}`)));
 
-form.addEventListener("submit", async (event) => {
-  event.preventDefault();
+submits(form, async () => {
   unmark(form);
   quiet();
   const body = { data: field("data").value, kind: field("kind").value, split: field("split").value };
