@@ -51,8 +51,8 @@ class Front:
 def fronts(scores: Sequence[Score]) -> list[Front]:
     """A front for each metric of `PAID`, over the last group of the scores, all insertions together; none where fewer
     than two arms have both numbers."""
-    mine = [score for score in scores if score.group == scores[-1].group]
-    found = [_front(mine, metric, heading) for metric, heading in PAID.items()]
+    mine = [score for score in scores if score.group == scores[-1].group]  # nothing of a campaign that has just begun
+    found = [_front(mine, metric, heading) for metric, heading in PAID.items()] if mine else []
     return [front for front in found if len(front.places) > 1]
 
 

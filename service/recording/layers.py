@@ -38,7 +38,7 @@ class SectionStrain:
         smoothing = _smoothing(section, near, np.abs(np.linalg.det(edges)), len(rest_m))
         young_pa = 1e3 * tissue.young_kpa
         shear_pa = young_pa / (2.0 * (1.0 + tissue.poisson))
-        return cls(near, np.linalg.inv(edges), smoothing, shear_pa, STRAIN_SCALE * young_pa)
+        return cls(near, np.asarray(np.linalg.inv(edges), float), smoothing, shear_pa, STRAIN_SCALE * young_pa)
 
     def values(self, nodes_m: Floats) -> tuple[Floats, Floats]:
         """(s,) largest |principal stretch - 1| and (s,) von Mises stress in Pa at the points of the section, of

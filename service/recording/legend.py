@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 FORCE_ARROW_M_PER_N = 0.05
 BAR_M = 10e-3  # of the scale, and of the arrow of the force
 STEPS = 5  # between the first and the last colour
-_APART_M, _ROW_M, _COLOR_M = 10e-3, 12e-3, 12e-3  # from the block; between rows; between colours
+_APART_M, _ROW_M, _COLOR_M = 10e-3, 15e-3, 12e-3  # from the block; between rows; between colours
 _ARROW_AT_M = 40e-3  # along the first row, behind the scale bar
 
 
@@ -37,7 +37,7 @@ def legend(scene: Scene) -> dict[str, rr.AsComponents]:
             vectors=[BAR_M * along],
             radii=0.3e-3,
             colors=[MAGENTA],
-            labels=[f"{force_n:g} N on the tissue"],
+            labels=[f"{force_n:g} N"],
             show_labels=True,
         ),
         "world/legend/displacement": _colors(rows[1], along, 1e3 * DISPLACEMENT_SCALE_M, "mm"),

@@ -63,7 +63,7 @@ def test_the_recording_has_a_legend_layers_and_the_mark_of_limits(tmp_path: Path
     assert np.linalg.norm(ends[1] - ends[0]) == pytest.approx(10e-3, rel=1e-5)
     arrow = static(path, "world/legend/force")
     length = np.linalg.norm(arrow["Arrows3D:vectors"][0])
-    assert arrow["Arrows3D:labels"] == [f"{length / FORCE_ARROW_M_PER_N:g} N on the tissue"]
+    assert arrow["Arrows3D:labels"] == [f"{length / FORCE_ARROW_M_PER_N:g} N"]
     for layer, last in (("displacement", "5 mm"), ("strain", "30 %"), ("stress", "1.9 kPa")):
         known = static(path, f"world/legend/{layer}")
         assert known["Points3D:labels"][-1] == last

@@ -21,8 +21,9 @@ from rerun.error_utils import RerunWarning
 
 from service.display import job_text, plain_values
 from service.recording import observer as recording
-from service.recording.blocks import BLOCK_STEPS, FORCE_ARROW_M_PER_N
+from service.recording.blocks import BLOCK_STEPS
 from service.recording.colors import DISPLACEMENT_SCALE_M, displacement_colors
+from service.recording.legend import FORCE_ARROW_M_PER_N
 from service.recording.observer import RerunObserver, optimize
 from service.recording.plots import PLOTS, Moment, Step
 from service.worker.attempt import ObserverGroup
