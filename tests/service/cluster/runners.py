@@ -27,7 +27,7 @@ def insertion(spec: dict[str, Any], folder: Path) -> dict[str, Any]:
     return {"status": "completed", "metrics": {"stable": True, "success": True}, "digest": "d", "pid": os.getpid()}
 
 
-def five_milliseconds(spec: dict[str, Any], folder: Path) -> dict[str, Any]:  # noqa: ARG001  (a runner's signature)
+def five_milliseconds(spec: dict[str, Any], folder: Path) -> dict[str, Any]:
     """A task of 5 ms."""
     time.sleep(0.005)
     return {"status": "completed"}

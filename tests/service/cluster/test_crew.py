@@ -122,7 +122,7 @@ def test_a_worker_that_does_not_see_the_folder_is_named(cluster: LocalCluster, t
         assert next(running).result["status"] == "completed"
         (tmp_path / FOLDER / "token").write_text("of another disk")
         (tmp_path / "go").touch()
-        with pytest.raises(NotSharedError, match="does not see .* on a disk that all machines share"):
+        with pytest.raises(NotSharedError, match=r"does not see .* on a disk that all machines share"):
             list(running)
 
 
@@ -180,7 +180,7 @@ def test_another_commit_is_refused_with_a_sentence(
     assert "and 000000000000 for the campaign" in other.log("worker0")
 
     monkeypatch.setattr("service.cluster.connection.identity", lambda: {"commit": "f" * 40})
-    with pytest.raises(RefusedError, match="does not take this campaign: commit is .* and ffffffffffff for"):
+    with pytest.raises(RefusedError, match=r"does not take this campaign: commit is .* and ffffffffffff for"):
         crew_of(cluster, tmp_path).__enter__()
 
 
