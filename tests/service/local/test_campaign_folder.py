@@ -87,12 +87,12 @@ def test_half_a_line_is_taken_off_and_run_again(tmp_path: Path) -> None:
 def test_another_campaign_another_commit_and_other_files_are_refused(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    with open_campaign_folder(tmp_path / "c", suite(), REQUEST):
-        with (
-            pytest.raises(ScenarioError, match="is in use by process"),
-            open_campaign_folder(tmp_path / "c", suite(), REQUEST),
-        ):
-            pass
+    with (
+        open_campaign_folder(tmp_path / "c", suite(), REQUEST),
+        pytest.raises(ScenarioError, match="is in use by process"),
+        open_campaign_folder(tmp_path / "c", suite(), REQUEST),
+    ):
+        pass
     with (
         pytest.raises(ScenarioError, match=r"holds another campaign \(few, suite_sha256 differs\)"),
         open_campaign_folder(tmp_path / "c", suite(4), REQUEST),
