@@ -23,7 +23,7 @@ if TYPE_CHECKING:
 
     from service.cluster.address import ClusterAddress
 
-_CONNECT_S = 5.0
+_CONNECT_S = 10.0  # then the address is looked up again: a scheduler that was killed leaves its file
 _COUNT_S = 2.0  # between two counts of the workers
 
 

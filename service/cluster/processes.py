@@ -34,6 +34,7 @@ if TYPE_CHECKING:
 _ENDED_BY_SCHEDULER = ("scheduler-close", "scheduler-remove-worker", "retire")
 _LOOK_S = 0.5
 _CLOSE_S = 5.0
+_SIGN_ON_S = 20  # then the address is looked up again: a scheduler that was killed leaves its file
 _CONFIGURATION = {
     "distributed.scheduler.work-stealing": False,
     "distributed.scheduler.worker-ttl": "10 minutes",  # compiling the kernels holds a worker's heartbeat up
@@ -171,7 +172,7 @@ async def _signed_on(address: ClusterAddress, patience_s: float, stop: asyncio.E
                 security=security_of(address.tls_folder()),
                 local_directory=tempfile.gettempdir(),
                 memory_limit=0,
-                death_timeout=30,
+                death_timeout=_SIGN_ON_S,
                 dashboard=False,
                 dashboard_address=_PAGES,
             )

@@ -26,11 +26,16 @@ from simcore.errors import NeedlebenchError
 ATTEMPTS = 5  # of a case; more than on one machine, for here machines are taken away from under it
 _STARTS = 3
 _TICK_S = 0.2
+_over = threading.Event()
 _thread = ThreadPoolExecutor(1, "insertions")  # outlives each connection to a scheduler: Linux ends a child with it
 
 
 class NotSharedError(NeedlebenchError):
     """The worker does not see the folder of the campaign."""
+
+
+class WorkerEndedError(NeedlebenchError):
+    """The worker is being ended: the case is for another one."""
 
 
 class WorkerStartError(NeedlebenchError):
@@ -69,6 +74,8 @@ def _run_case(order: Order) -> dict[str, Any]:
         raise NotSharedError(f"{where} does not see {order.store}: it must be on a disk that all machines share")
     ended = store.ended(order.key)
     while ended is None:
+        if _over.is_set():
+            raise WorkerEndedError(f"worker process {os.getpid()} on {platform.node()} was ended")
         ended = _attempt(order, store)
     return {"key": order.key, "attempts": ended["cost"]["attempts"]}
 
@@ -185,5 +192,6 @@ def warm_up(runner: str) -> None:
 
 
 def end() -> None:
-    """End the process of this worker."""
+    """End the process of this worker, and begin no other attempt."""
+    _over.set()
     _process.end()
