@@ -4,9 +4,11 @@ from __future__ import annotations
 
 import asyncio
 import logging
+import socket
 import time
 from contextlib import suppress
 from typing import TYPE_CHECKING
+from urllib.parse import urlsplit
 
 from distributed import Client
 
@@ -23,7 +25,8 @@ if TYPE_CHECKING:
 
     from service.cluster.address import ClusterAddress
 
-_CONNECT_S = 10.0  # then the address is looked up again: a scheduler that was killed leaves its file
+_CONNECT_S = 60.0  # on a machine that has much else to do
+_PROBE_S = 10.0
 _COUNT_S = 2.0  # between two counts of the workers
 
 
@@ -59,6 +62,8 @@ class Connection:
             time.sleep(0.5)
 
     def _connect(self, endpoint: str) -> None:
+        parts = urlsplit(endpoint)  # a scheduler that was killed leaves its file, and Dask would knock there for long
+        socket.create_connection((parts.hostname or "", parts.port or 0), timeout=_PROBE_S).close()
         security = security_of(self._address.tls_folder())
         client = Client(endpoint, security=security, timeout=_CONNECT_S, set_as_default=False)
         self._client, self._doubted, self._counted_s = client, False, -_COUNT_S

@@ -27,6 +27,7 @@ from service.worker.insertion_job import SERIES_RUNNER
 from simcore.errors import Problem, ScenarioError
 
 if TYPE_CHECKING:
+    from collections.abc import Callable
     from pathlib import Path
 
     from service.cluster.address import ClusterAddress
@@ -34,7 +35,7 @@ if TYPE_CHECKING:
 _ENDED_BY_SCHEDULER = ("scheduler-close", "scheduler-remove-worker", "retire")
 _LOOK_S = 0.5
 _CLOSE_S = 5.0
-_SIGN_ON_S = 20  # then the address is looked up again: a scheduler that was killed leaves its file
+_SIGN_ON_S = 300  # on a machine that has much else to do
 _CONFIGURATION = {
     "distributed.scheduler.work-stealing": False,
     "distributed.scheduler.worker-ttl": "10 minutes",  # compiling the kernels holds a worker's heartbeat up
@@ -176,15 +177,33 @@ async def _signed_on(address: ClusterAddress, patience_s: float, stop: asyncio.E
                 dashboard=False,
                 dashboard_address=_PAGES,
             )
-            try:
-                return await worker  # type: ignore[no-any-return]
-            except (OSError, TimeoutError, RuntimeError, ValueError):
-                with suppress(Exception):
-                    await worker.close(reason="not-started")
+            if await _started(worker, lambda: stop.is_set() or address.endpoint() != endpoint):
+                return worker
         if time.monotonic() > deadline:
             raise NoSchedulerError(f"no scheduler answers at {address.text} for {patience_s:g} s")
         await asyncio.sleep(_LOOK_S)
     return None
+
+
+async def _started(worker: _Worker, pointless: Callable[[], bool]) -> bool:
+    """Whether the scheduler has let it in. pointless: looked at meanwhile; a scheduler that was killed leaves its file,
+    and at that address nobody answers."""
+
+    async def start() -> None:
+        await worker
+
+    starting = asyncio.ensure_future(start())
+    while not starting.done():
+        await asyncio.wait({starting}, timeout=_LOOK_S)
+        if pointless():
+            starting.cancel()
+    try:
+        await starting
+    except (OSError, TimeoutError, RuntimeError, ValueError, asyncio.CancelledError):
+        with suppress(Exception):
+            await worker.close(timeout=_CLOSE_S, reason="not-started")
+        return False
+    return True
 
 
 async def _until_over(worker: _Worker, stop: asyncio.Event, end_s: float | None) -> str:

@@ -12,4 +12,4 @@ RUNNER = "tests.service.cluster.runners:insertion"
 
 if __name__ == "__main__":
     one_thread()
-    work(ClusterAddress(sys.argv[1]), WorkerOptions(patience_s=60.0, runner=RUNNER))
+    work(ClusterAddress(sys.argv[1]), WorkerOptions(patience_s=600.0, runner=RUNNER))
