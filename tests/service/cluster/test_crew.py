@@ -35,7 +35,6 @@ if TYPE_CHECKING:
 pytestmark = [
     pytest.mark.slow,
     pytest.mark.skipif(sys.platform != "linux", reason="kills by signal"),
-    pytest.mark.xdist_group("cluster"),
 ]
 KILLS = 20 if LONG else 3
 

@@ -35,7 +35,6 @@ def run(out: Path, *more: str) -> dict[str, str]:
 
 @pytest.mark.slow
 @pytest.mark.skipif(sys.platform != "linux", reason="one worker is ended by a signal")
-@pytest.mark.xdist_group("cluster")
 def test_digests_are_those_of_the_plain_command_line(tmp_path: Path) -> None:
     here = run(tmp_path / "here", "--workers", "1")
     with local_cluster(tmp_path / "cluster", 1, worker=WORKER) as cluster:

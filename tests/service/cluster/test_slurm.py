@@ -86,7 +86,6 @@ def slurm(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
 
 @pytest.mark.slow
 @linux
-@pytest.mark.xdist_group("cluster")
 def test_the_scripts_start_a_cluster_that_runs_cases_over_tls(tmp_path: Path, slurm: Path) -> None:
     folder = written(tmp_path / "cluster")
     started = subprocess.run(["sh", str(folder / "start.sh")], capture_output=True, text=True, check=True)
