@@ -9,7 +9,6 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from service.cli.campaign_here import folder_options, run_here
 from service.cli.campaign_request import campaign_request, check_request
 from service.cli.campaign_text import (
     BESIDE_HEAD,
@@ -21,6 +20,7 @@ from service.cli.campaign_text import (
     trend_line,
     where,
 )
+from service.cli.cluster.campaign_here import folder_options, run_here
 from service.cli.connection import data_option, service_client, url_option, with_field_errors
 from simcore.errors import Problem, ScenarioError
 

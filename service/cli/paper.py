@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from service.blas_threads import one_thread
-from service.cli.cluster import cluster_address, cluster_options
+from service.cli.cluster.options import cluster_address, cluster_options
 from simcore.errors import Problem, ScenarioError
 
 if TYPE_CHECKING:

@@ -25,12 +25,13 @@ _MARGIN = 0.1  # of the time, at most ten minutes: the insertions at work end, a
 
 @dataclass(frozen=True, kw_only=True)
 class SlurmCluster:
-    """folder: on the shared disk. cores: worker processes on each node. memory_mb: for each of them. interface: of the
+    """folder: on the shared disk. cores: worker processes on each node; None = all of its cores, nobody else on it.
+    memory_mb: for each of so many cores. interface: of the
     network, as in ib0, or None. lines: more options of sbatch, as in --partition=long."""
 
     folder: Path
     nodes: int
-    cores: int
+    cores: int | None
     time_s: int
     memory_mb: int = 1000
     interface: str | None = None
@@ -64,14 +65,15 @@ class SlurmCluster:
         lifetime = self.time_s - min(600, round(_MARGIN * self.time_s))
         where = f"{FILE}{self.folder / SCHEDULER_FILE}"
         command = _command("worker", where, "--lifetime", f"{lifetime}s", "--patience", f"{self.time_s}s")
-        size = [
-            f"--nodes={self.nodes}",
-            f"--ntasks-per-node={self.cores}",
-            "--cpus-per-task=1",
-            "--hint=nomultithread",
-            f"--mem-per-cpu={self.memory_mb}M",
-        ]
-        return self._script("workers", size, f"exec srun --kill-on-bad-exit=0 {command}")
+        size = [f"--nodes={self.nodes}", "--cpus-per-task=1", "--hint=nomultithread"]
+        if self.cores is None:
+            size += ["--exclusive", "--mem=0"]
+            each = '--ntasks-per-node="$SLURM_CPUS_ON_NODE"'
+            many = f'--ntasks="$((SLURM_CPUS_ON_NODE * SLURM_JOB_NUM_NODES))" {each} --cpus-per-task=1 '
+        else:
+            size += [f"--ntasks-per-node={self.cores}", f"--mem-per-cpu={self.memory_mb}M"]
+            many = ""
+        return self._script("workers", size, f"exec srun {many}--kill-on-bad-exit=0 {command}")
 
     def _script(self, name: str, size: list[str], command: str) -> str:
         """A batch script: its options, then what it runs."""

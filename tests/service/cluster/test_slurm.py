@@ -27,12 +27,13 @@ if TYPE_CHECKING:
     from pathlib import Path
 
 FAKE = ROOT / "tests" / "data" / "slurm"
+OPTIONS = ("--cores", "16", "--option", "--partition=long", "--interface", "ib0", "--memory", "1500")
 SCRIPTS = ("scheduler.sbatch", "workers.sbatch", "start.sh")
 linux = pytest.mark.skipif(sys.platform != "linux", reason="needs sh and signals")
 
 
 def written(folder: Path, *more: str) -> Path:
-    arguments = ["cluster", "slurm", "--out", str(folder), "--nodes", "2", "--cores", "1", "--time", "2h", *more]
+    arguments = ["cluster", "slurm", "--out", str(folder), "--nodes", "2", "--time", "2h", *more]
     result = CliRunner().invoke(main, arguments)
     assert result.exit_code == 0, result.output
     assert f"sh {folder}/start.sh" in result.output
@@ -41,9 +42,9 @@ def written(folder: Path, *more: str) -> Path:
 
 @pytest.mark.slow
 def test_the_scripts_say_what_was_asked_for(tmp_path: Path) -> None:
-    folder = written(tmp_path / "a cluster", "--option", "--partition=long", "--interface", "ib0", "--memory", "1500")
+    folder = written(tmp_path / "a cluster", *OPTIONS)
     workers, scheduler = (folder / "workers.sbatch").read_text(), (folder / "scheduler.sbatch").read_text()
-    for line in ("--nodes=2", "--ntasks-per-node=1", "--time=120", "--mem-per-cpu=1500M", "--partition=long"):
+    for line in ("--nodes=2", "--ntasks-per-node=16", "--time=120", "--mem-per-cpu=1500M", "--partition=long"):
         assert f"#SBATCH {line}\n" in workers
     assert "--lifetime 6600s" in workers  # ten minutes before the end nothing new begins
     assert f"'file:{folder}/scheduler.json'" in workers
@@ -55,8 +56,9 @@ def test_the_scripts_say_what_was_asked_for(tmp_path: Path) -> None:
 
 @pytest.mark.slow
 @pytest.mark.skipif(shutil.which("shellcheck") is None, reason="needs shellcheck")
-def test_shellcheck_has_no_objection(tmp_path: Path) -> None:
-    folder = written(tmp_path / "it's $HOME")
+@pytest.mark.parametrize("options", [(), OPTIONS])
+def test_shellcheck_has_no_objection(tmp_path: Path, options: tuple[str, ...]) -> None:
+    folder = written(tmp_path / "it's $HOME", *options)
     found = subprocess.run(
         ["shellcheck", *(str(folder / name) for name in SCRIPTS), str(FAKE / "srun")],
         capture_output=True,

@@ -4,58 +4,15 @@ from __future__ import annotations
 
 import re
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import click
 
 from service.blas_threads import one_thread
-from simcore.errors import Problem, ScenarioError
-
-if TYPE_CHECKING:
-    from collections.abc import Callable
-
-    from service.cluster.address import ClusterAddress
+from service.cli.cluster.options import cluster_address, insecure_option, tls_option
 
 _UNITS = {"s": 1, "m": 60, "h": 3600, "d": 86_400}
 FOLDER = click.Path(file_okay=False, path_type=Path)
-FILE = click.Path(dir_okay=False, path_type=Path)
-insecure_option = click.option(
-    "--insecure", is_flag=True, help="Plain TCP to other machines; whoever is there can run code."
-)
-tls_option = click.option(
-    "--tls", "certificates", metavar="DIR", type=FOLDER, help="Folder with key.pem and certificate.pem."
-)
-
-
-def cluster_options(command: Callable[..., Any]) -> Callable[..., Any]:
-    """The options of a command whose insertions may run on a cluster."""
-    for option in reversed(
-        (
-            click.option(
-                "--cluster",
-                "cluster_text",
-                metavar="ADDRESS",
-                help="Run on a Dask cluster: tls://HOST:PORT, file:SCHEDULER.json, or tcp:// on this machine.",
-            ),
-            insecure_option,
-            tls_option,
-        )
-    ):
-        command = option(command)
-    return command
-
-
-def cluster_address(text: str | None, insecure: bool, certificates: Path | None) -> ClusterAddress | None:
-    """What the options name; None without --cluster. Raises ScenarioError."""
-    from importlib.util import find_spec
-
-    from service.cluster.address import FIELD, ClusterAddress
-
-    if text is None:
-        return None
-    if find_spec("distributed") is None:
-        raise ScenarioError([Problem(FIELD, text, "needs Dask: pip install 'needlebench[cluster]'")])
-    return ClusterAddress(text, insecure, certificates)
 
 
 class Duration(click.ParamType[int]):
@@ -142,10 +99,15 @@ def worker(address: str, lifetime: int | None, patience: int, certificates: Path
 @cluster.command()
 @click.option("--out", "folder", metavar="DIR", required=True, type=FOLDER, help="Folder on the shared disk.")
 @click.option("--nodes", type=click.IntRange(1, 10_000), required=True, help="Machines.")
-@click.option("--cores", type=click.IntRange(1, 1024), required=True, help="Cores of each: as many workers run there.")
+@click.option("--cores", type=click.IntRange(1, 1024), help="Workers on each; default: whole machines, one a core.")
 @click.option("--time", "time_s", type=Duration(), required=True, help="Of the jobs, as in 2h.")
 @click.option(
-    "--memory", "memory_mb", type=click.IntRange(500, 10**6), default=1000, show_default=True, help="MB a core."
+    "--memory",
+    "memory_mb",
+    type=click.IntRange(500, 10**6),
+    default=1000,
+    show_default=True,
+    help="MB a core, with --cores.",
 )
 @click.option(
     "--interface", metavar="NAME", help="Network of the scheduler, as in ib0; default: that of its host name."
@@ -161,7 +123,8 @@ def slurm(folder: Path, **options: Any) -> None:
     versions with DIR/cluster.json, which is written now, and ends with a sentence in DIR/logs if they differ.
 
     \b
-    640 workers for 2 hours:  needlebench cluster slurm --out cluster --nodes 10 --cores 64 --time 2h
+    Ten machines, 2 hours:    needlebench cluster slurm --out cluster --nodes 10 --time 2h
+    16 cores of each:         needlebench cluster slurm --out cluster --nodes 10 --cores 16 --time 2h
     Start them:               sh cluster/start.sh
     More of them:             sbatch cluster/workers.sbatch
     Use them:                 needlebench paper --cluster file:cluster/scheduler.json --out out/paper
