@@ -20,6 +20,7 @@ if TYPE_CHECKING:
 SCHEDULER_FILE, LOGS = "scheduler.json", "logs"
 SCHEDULER, WORKERS, START = "scheduler.sbatch", "workers.sbatch", "start.sh"
 _SCHEDULER_MB = 8000  # [ours]: ten times what it held with 10,000 receipts
+_MEANT_OTHERWISE = set("'\"\\%\n")
 _MARGIN = 0.1  # of the time, at most ten minutes: the insertions at work end, and nothing new begins
 
 
@@ -41,8 +42,11 @@ class SlurmCluster:
         for line in self.lines:
             if not line.startswith("--") or "\n" in line:
                 raise ScenarioError([Problem("--option", line, "must be an option of sbatch, as in --partition=long")])
-        if "\n" in str(self.folder):
-            raise ScenarioError([Problem("--out", str(self.folder), "must be a name of one line")])
+        if set(str(self.folder)) & _MEANT_OTHERWISE:
+            message = (
+                "must be a name without quotes, backslashes, percent signs and line ends, which sbatch takes otherwise"
+            )
+            raise ScenarioError([Problem("--out", str(self.folder), message)])
 
     def write(self) -> Path:
         """Scripts, certificates and cluster.json into the folder; the script that submits all."""

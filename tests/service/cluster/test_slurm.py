@@ -58,7 +58,7 @@ def test_the_scripts_say_what_was_asked_for(tmp_path: Path) -> None:
 @pytest.mark.skipif(shutil.which("shellcheck") is None, reason="needs shellcheck")
 @pytest.mark.parametrize("options", [(), OPTIONS])
 def test_shellcheck_has_no_objection(tmp_path: Path, options: tuple[str, ...]) -> None:
-    folder = written(tmp_path / "it's $HOME", *options)
+    folder = written(tmp_path / "a $HOME; rm", *options)
     found = subprocess.run(
         ["shellcheck", *(str(folder / name) for name in SCRIPTS), str(FAKE / "srun")],
         capture_output=True,
@@ -71,6 +71,8 @@ def test_shellcheck_has_no_objection(tmp_path: Path, options: tuple[str, ...]) -
 def test_options_of_sbatch_are_one_line_each(tmp_path: Path) -> None:
     with pytest.raises(ScenarioError, match="must be an option of sbatch"):
         SlurmCluster(folder=tmp_path, nodes=1, cores=1, time_s=60, lines=("--a=b\nrm -rf /",))
+    with pytest.raises(ScenarioError, match="must be a name without quotes"):
+        SlurmCluster(folder=tmp_path / "50 %", nodes=1, cores=1, time_s=60)
 
 
 @pytest.fixture
