@@ -58,7 +58,7 @@ def test_the_scripts_say_what_was_asked_for(tmp_path: Path) -> None:
 @pytest.mark.skipif(shutil.which("shellcheck") is None, reason="needs shellcheck")
 @pytest.mark.parametrize("options", [(), OPTIONS])
 def test_shellcheck_has_no_objection(tmp_path: Path, options: tuple[str, ...]) -> None:
-    folder = written(tmp_path / "a $HOME; rm", *options)
+    folder = written(tmp_path / "a cluster; rm", *options)
     found = subprocess.run(
         ["shellcheck", *(str(folder / name) for name in SCRIPTS), str(FAKE / "srun")],
         capture_output=True,
