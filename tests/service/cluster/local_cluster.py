@@ -40,8 +40,8 @@ class LocalCluster:
         until(self.file.exists)
         return self
 
-    def start_worker(self) -> subprocess.Popen[bytes]:
-        process = self._start(f"worker{len(self.workers)}", *self._worker, f"file:{self.file}")
+    def start_worker(self, *more: str) -> subprocess.Popen[bytes]:
+        process = self._start(f"worker{len(self.workers)}", *self._worker, *more, f"file:{self.file}")
         self.workers.append(process)
         return process
 

@@ -183,6 +183,49 @@ def test_another_commit_is_refused_with_a_sentence(
         crew_of(cluster, tmp_path).__enter__()
 
 
+def test_a_worker_of_another_commit_is_sent_away_and_the_others_do_its_work(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    wanted = cases(*["waits"] * 6)
+    with local_cluster(tmp_path / "cluster", 1) as cluster, crew_of(cluster, tmp_path) as crew:
+        other = cluster.start_worker("--commit", "e" * 40)
+        outcomes = list(crew.run_many(wanted))
+        assert other.wait(timeout=600) == 1
+        assert "is refused: commit is eeeeeeeeeeee there and" in cluster.log("worker1")
+    check(outcomes, wanted, tmp_path)
+    assert "is refused: commit is eeeeeeeeeeee there and" in capsys.readouterr().err
+
+
+def test_a_worker_that_is_told_to_end_gives_its_attempt_back(tmp_path: Path) -> None:
+    with local_cluster(tmp_path / "cluster", 1) as cluster, crew_of(cluster, tmp_path) as crew:
+        outcomes: list[Outcome] = []
+        thread = threading.Thread(target=lambda: outcomes.extend(crew.run_many(cases("held"))))
+        thread.start()
+        until((tmp_path / "0-held.begun").exists)
+        cluster.workers[0].terminate()
+        assert cluster.workers[0].wait(timeout=600) == 0
+        cluster.start_worker()
+        (tmp_path / "go").touch()
+        thread.join()
+    assert len((tmp_path / "0-held.begun").read_text().splitlines()) == 2
+    assert outcomes[0].result["cost"]["attempts"] == 1
+
+
+def test_a_worker_whose_time_is_over_begins_nothing(tmp_path: Path) -> None:
+    wanted = cases("held", "ok", "ok")
+    with local_cluster(tmp_path / "cluster", 0) as cluster, crew_of(cluster, tmp_path) as crew:
+        outcomes: list[Outcome] = []
+        thread = threading.Thread(target=lambda: outcomes.extend(crew.run_many(wanted)))
+        thread.start()
+        short_lived = cluster.start_worker("--lifetime", "0.1")
+        assert short_lived.wait(timeout=600) == 0  # over before it began anything
+        cluster.start_worker()
+        until((tmp_path / "0-held.begun").exists)
+        (tmp_path / "go").touch()
+        thread.join()
+    check(outcomes, wanted, tmp_path)
+
+
 def test_a_scheduler_that_never_comes_is_said_to_be_missing(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     address = ClusterAddress(f"file:{tmp_path}/scheduler.json")
     with pytest.raises(NoSchedulerError, match=r"scheduler\.json for 1 s; the same command goes on"):
