@@ -97,7 +97,7 @@ class Connection:
             self._counted_s = time.monotonic()
         return self._slots
 
-    def submit(self, function: Callable[[Any], Any], argument: Any, key: str) -> Future:
+    def submit(self, function: Callable[[Any], Any], argument: Any, key: str) -> Future[Any]:
         """Have it called on some worker."""
         assert self._client is not None, "open"
         return self._client.submit(function, argument, key=key, pure=False)

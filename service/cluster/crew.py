@@ -9,7 +9,7 @@ import queue
 from collections import deque
 from contextlib import suppress
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Self
+from typing import TYPE_CHECKING, Any, Self
 
 import click
 from distributed import CancelledError
@@ -158,8 +158,8 @@ class _Window:
     say: Callable[[str], None]
     most: int | None
     submitted: int = 0
-    ended: queue.SimpleQueue[Future] = field(default_factory=queue.SimpleQueue)
-    running: dict[Future, _Task] = field(default_factory=dict)
+    ended: queue.SimpleQueue[Future[Any]] = field(default_factory=queue.SimpleQueue)
+    running: dict[Future[Any], _Task] = field(default_factory=dict)
 
     def results(self, waiting: deque[_Task]) -> Generator[_Task, None, None]:
         """Tasks whose case has ended, as they end."""
@@ -197,7 +197,7 @@ class _Window:
         self.running.clear()
         self.connection.open()
 
-    def _ended(self, future: Future, waiting: deque[_Task]) -> Generator[_Task, None, None]:
+    def _ended(self, future: Future[Any], waiting: deque[_Task]) -> Generator[_Task, None, None]:
         task = self.running.pop(future, None)
         if task is None:  # of a scheduler that is gone
             return

@@ -28,7 +28,7 @@ class RefusedError(NeedlebenchError):
     """A worker, or a campaign, is of another identity than the cluster."""
 
 
-class SignOn(WorkerPlugin):  # type: ignore[misc]
+class SignOn(WorkerPlugin):
     """Looks at a worker that Dask lets in, and sends it away if it may not take part."""
 
     name = "needlebench-sign-on"
