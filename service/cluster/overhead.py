@@ -71,7 +71,7 @@ def _await(crew: ClusterCrew, workers: int) -> None:
 def _cpu_s(process: psutil.Process, *, children: bool = True) -> float:
     """CPU time of a process, and of the processes that it has started and that live."""
     members = [process, *(process.children(recursive=True) if children else [])]
-    return sum(times.user + times.system for times in (one.cpu_times() for one in members))
+    return float(sum(times.user + times.system for times in (one.cpu_times() for one in members)))
 
 
 @contextmanager

@@ -148,15 +148,17 @@ async def _work(address: ClusterAddress, options: WorkerOptions) -> None:
         click.echo(f"the scheduler is gone ({reason}); waiting for it", err=True)
 
 
-class _Worker(Worker):  # type: ignore[misc]
+class _Worker(Worker):
     """Remembers why it was closed."""
 
     reason = ""
 
-    async def close(self, *args: Any, reason: str = "scheduler-close", **options: Any) -> str | None:
-        """As Dask does."""
+    async def close(  # type: ignore[override]  (as Dask's own is one)
+        self, timeout: float = 30, executor_wait: bool = True, nanny: bool = True, reason: str = "scheduler-close"
+    ) -> str | None:
+        """As Dask does; without a reason it is the scheduler that asks for it."""
         self.reason = self.reason or reason
-        return await super().close(*args, reason=reason, **options)  # type: ignore[no-any-return]
+        return await super().close(timeout=timeout, executor_wait=executor_wait, nanny=nanny, reason=reason)
 
 
 async def _signed_on(address: ClusterAddress, patience_s: float, stop: asyncio.Event) -> _Worker | None:

@@ -123,7 +123,10 @@ def same_as_here(folder: Path, insertions: int, few: int) -> int:
     from simcore.rollout.rollout import run
     from simcore.scenario.scenario import Scenario
 
-    axes = {"controller": [{"kind": "ifem"}, {"kind": "open_loop"}], "seed": list(range(1, insertions // 2 + 1))}
+    axes: dict[str, list[Any]] = {
+        "controller": [{"kind": "ifem"}, {"kind": "open_loop"}],
+        "seed": list(range(1, insertions // 2 + 1)),
+    }
     digests = {
         row["case"]: row["digest"] for row in parquet.read_table(folder / "campaign" / "campaign.parquet").to_pylist()
     }
