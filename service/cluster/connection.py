@@ -42,7 +42,8 @@ class Connection:
         self._client: Client | None = None
         self._doubted = False
         self._slots, self._counted_s = 0, -_COUNT_S
-        logging.getLogger("distributed").setLevel(logging.CRITICAL)  # what it says is said here, in a line
+        for name in ("distributed", "distributed.client", "distributed.core"):  # what they say is said here, in a line
+            logging.getLogger(name).setLevel(logging.CRITICAL)
 
     def open(self) -> None:
         """Connect, whatever was before. Raises NoSchedulerError, RefusedError, ScenarioError."""
