@@ -2,7 +2,7 @@
 
     token              who reads the same number sees the same disk
     attempts/KEY.N     attempt N of a case, begun by the worker that made this file
-    files/SHA256       series and recordings
+    files/KEY.N.NAME   series and recordings of attempt N
     results/KEY.json   how a case ended; made once, and never changed
 
 A result that only a worker's memory holds dies with it, and the insertion is run again (distributed#7870). Here the
@@ -76,16 +76,14 @@ class SharedStore:
         """Take an attempt out of the count: it was ended from outside."""
         (self.path / "attempts" / f"{key}.{number}").unlink(missing_ok=True)
 
-    def keep_file(self, source: Path) -> str:
-        """Copy a file into the store; its SHA-256, which is its name there."""
-        with source.open("rb") as file:
-            sha256 = hashlib.file_digest(file, "sha256").hexdigest()
-        target = self.path / "files" / sha256
-        if not target.exists():
-            with self._draft() as draft:
-                shutil.copyfile(source, draft)
-                draft.replace(target)
-        return sha256
+    def keep_file(self, source: Path, key: str, number: int) -> dict[str, str]:
+        """Copy a file of an attempt into the store: the name that it has there, and its SHA-256."""
+        stored = f"{key}.{number}.{source.name}"
+        with self._draft() as draft:
+            shutil.copyfile(source, draft)
+            sha256 = _sha256(draft)
+            draft.replace(self.path / "files" / stored)
+        return {"stored": stored, "sha256": sha256}
 
     def publish(self, key: str, ended: dict[str, Any]) -> dict[str, Any]:
         """Say how a case ended, unless another attempt was first; what counts, the first one's."""
@@ -95,6 +93,8 @@ class SharedStore:
             try:
                 os.link(draft, target)
             except FileExistsError:
+                for kept in ended["files"].values():
+                    (self.path / "files" / kept["stored"]).unlink(missing_ok=True)
                 return self.ended(key) or ended
             except OSError as error:
                 if error.errno not in _NO_LINKS:
@@ -133,13 +133,13 @@ class SharedStore:
         """All is kept elsewhere. An attempt that nobody waits for any more finds no folder, and leaves nothing."""
         shutil.rmtree(self.path, ignore_errors=True)
 
-    def _moved(self, files: dict[str, str], home: Path) -> bool:
-        for name, sha256 in files.items():
+    def _moved(self, files: dict[str, dict[str, str]], home: Path) -> bool:
+        for name, kept in files.items():
             target = home / name
             try:
-                (self.path / "files" / sha256).replace(target)
+                (self.path / "files" / kept["stored"]).replace(target)
             except FileNotFoundError:  # an earlier call was ended between this and the note that it was kept
-                if not (target.is_file() and _sha256(target) == sha256):
+                if not (target.is_file() and _sha256(target) == kept["sha256"]):
                     return False
         return True
 

@@ -14,7 +14,7 @@ import time
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 from service.cluster.identity import difference, identity
 from service.cluster.shared_store import SharedStore
@@ -83,7 +83,7 @@ def _run_case(order: Order) -> dict[str, Any]:
 def _attempt(order: Order, store: SharedStore) -> dict[str, Any] | None:
     """How the case ended; None if it is to be tried again."""
     number = store.begin(order.key, f"{platform.node()} {os.getpid()}")
-    current.set((store, order.key, number))
+    current.set(_Attempt(store, order.key, number))
     try:
         if number > ATTEMPTS:
             return store.publish(order.key, _crashed(f"its worker died, attempt {ATTEMPTS}", ATTEMPTS))
@@ -94,7 +94,7 @@ def _attempt(order: Order, store: SharedStore) -> dict[str, Any] | None:
                 if number < ATTEMPTS:
                     return None
                 return store.publish(order.key, _crashed(f"{death}, attempt {number}", number))
-            return store.publish(order.key, _ended(report, number, store, Path(scratch)))
+            return store.publish(order.key, _ended(report, _Attempt(store, order.key, number), Path(scratch)))
     finally:
         current.set(None)
 
@@ -103,11 +103,20 @@ def _crashed(message: str, attempts: int) -> dict[str, Any]:
     return {"error": message, "result": None, "files": {}, "cost": {"attempts": attempts}}
 
 
-def _ended(report: AttemptReport, number: int, store: SharedStore, folder: Path) -> dict[str, Any]:
+def _ended(report: AttemptReport, attempt: _Attempt, folder: Path) -> dict[str, Any]:
+    store, key, number = attempt
     left = [] if report.error else [one for one in sorted(folder.iterdir()) if one.is_file() and one.name != LOG]
-    files = {one.name: store.keep_file(one) for one in left if not one.name.startswith(".")}
+    files = {one.name: store.keep_file(one, key, number) for one in left if not one.name.startswith(".")}
     cost = {"cpu_s": report.cpu_s, "max_rss_mb": report.max_rss_mb, "attempts": number}
     return {"error": report.error, "result": report.result, "files": files, "cost": cost}
+
+
+class _Attempt(NamedTuple):
+    """Attempt `number` of a case, by its key in a store."""
+
+    store: SharedStore
+    key: str
+    number: int
 
 
 class _Current:
@@ -115,9 +124,9 @@ class _Current:
 
     def __init__(self) -> None:
         self._lock = threading.Lock()
-        self._attempt: tuple[SharedStore, str, int] | None = None
+        self._attempt: _Attempt | None = None
 
-    def set(self, attempt: tuple[SharedStore, str, int] | None) -> None:
+    def set(self, attempt: _Attempt | None) -> None:
         """It begins, or has ended."""
         with self._lock:
             self._attempt = attempt

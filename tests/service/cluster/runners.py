@@ -10,7 +10,7 @@ from typing import Any
 
 
 def insertion(spec: dict[str, Any], folder: Path) -> dict[str, Any]:
-    """`ok`, `raises`, `dies`, `dies-once`, `waits` (0.3 s), `held` (until a file `go` is there). Leaves a series."""
+    """`ok`, `raises`, `dies`, `dies-once`, `waits` (0.3 s), `held` (until a file `go` is there). `alike`: the series of all are the same."""
     name, marks = spec["scenario"]["name"], Path(spec["files"])
     with (marks / f"{spec['job_id']}.begun").open("a") as file:
         file.write(f"{os.getpid()}\n")
@@ -23,7 +23,8 @@ def insertion(spec: dict[str, Any], folder: Path) -> dict[str, Any]:
         time.sleep(0.3)
     while name == "held" and not (marks / "go").exists():
         time.sleep(0.05)
-    (folder / f"{spec['job_id']}.npz").write_text(f"series of {spec['job_id']}")
+    content = "all alike" if name == "alike" else f"series of {spec['job_id']}"
+    (folder / f"{spec['job_id']}.npz").write_text(content)
     return {"status": "completed", "metrics": {"stable": True, "success": True}, "digest": "d", "pid": os.getpid()}
 
 

@@ -96,6 +96,14 @@ def test_results_that_an_earlier_call_left_are_not_run_again(cluster: LocalClust
     assert first.result["digest"] == "d"
 
 
+def test_insertions_whose_series_are_the_same_have_one_each(cluster: LocalCluster, tmp_path: Path) -> None:
+    wanted = cases(*["alike"] * 12)
+    with crew_of(cluster, tmp_path) as crew:
+        outcomes = list(crew.run_many(wanted))
+    assert {outcome.result["status"] for outcome in outcomes} == {"completed"}
+    assert all((tmp_path / f"{case.id}.npz").read_text() == "all alike" for case in wanted)
+
+
 def test_a_window_of_twice_the_workers_is_submitted(
     cluster: LocalCluster, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
