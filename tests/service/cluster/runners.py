@@ -10,7 +10,8 @@ from typing import Any
 
 
 def insertion(spec: dict[str, Any], folder: Path) -> dict[str, Any]:
-    """`ok`, `raises`, `dies`, `dies-once`, `waits` (0.3 s), `held` (until a file `go` is there). `alike`: the series of all are the same."""
+    """`ok`, `raises`, `dies`, `dies-once`, `waits` (0.3 s), `held` (until a file `go` is there), `alike` (the series of
+    all are the same)."""
     name, marks = spec["scenario"]["name"], Path(spec["files"])
     with (marks / f"{spec['job_id']}.begun").open("a") as file:
         file.write(f"{os.getpid()}\n")
