@@ -25,7 +25,7 @@ COMPILE = env -u UV_INDEX -u UV_INDEX_URL -u UV_EXTRA_INDEX_URL -u UV_DEFAULT_IN
 # Hundreds of processes that would each compile the code again: tests keep bytecode whatever the environment says.
 test test-fast test-long test-python chaos verification: export PYTHONDONTWRITEBYTECODE :=
 
-.PHONY: help run env env-dev check test test-fast test-long test-python chaos docs verification golden models lock hooks image clean
+.PHONY: help run env env-dev check kernels checked test test-fast test-long test-python chaos docs verification golden models lock hooks image clean
 
 help:  ## this list
 	@awk -F ':.*## ' '/^[a-z-]+:.*## / { printf "  make %-12s %s\n", $$1, $$2 }' Makefile
@@ -45,13 +45,20 @@ check: env-dev  ## lint, formatting, the direction of imports, types
 	$(BIN)/lint-imports --no-logo
 	$(BIN)/mypy simcore service benchmarks needlebench tests bootstrap.py bootstrap_python.py hatch_build.py
 
-test: check  ## everything that a change must pass: lint, formatting, types and the tests, on every core
+kernels: env  ## compile the simulator's kernels, once for these sources
+	$(BIN)/python -c "from simcore.rollout.rollout import compile_kernels; compile_kernels()"
+
+# Tests in several processes would each compile the kernels; so they are compiled before, beside the checks.
+checked: env-dev
+	@$(MAKE) --no-print-directory -j2 check kernels
+
+test: checked  ## everything that a change must pass: lint, formatting, types and the tests, on every core
 	$(BIN)/python -m pytest -m "not long" $(PARALLEL) $(ARGS)
 
-test-fast: check  ## the same without the slow tests
+test-fast: checked  ## the same without the slow tests
 	$(BIN)/python -m pytest -m "not slow and not long" $(PARALLEL) $(ARGS)
 
-test-long: env-dev  ## every test, property tests ten times as long, with coverage; then a sample of mutants
+test-long: env-dev kernels  ## every test, property tests ten times as long, with coverage; then a sample of mutants
 	NEEDLEBENCH_TESTS=long $(BIN)/python -m coverage run -m pytest $(PARALLEL) $(ARGS)
 	$(BIN)/python -m coverage combine --quiet
 	$(BIN)/python -m coverage report

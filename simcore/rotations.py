@@ -36,6 +36,21 @@ def compose(a: Floats, b: Floats) -> Floats:
 
 
 @kernel
+def is_rotation(matrix: Floats, skew_allowed: float) -> bool:
+    """Whether matrix (3, 3) is a rotation: no entry of M^T M differs from the identity by more, and det M > 0."""
+    for i in range(3):
+        for j in range(3):
+            found = matrix[0, i] * matrix[0, j] + matrix[1, i] * matrix[1, j] + matrix[2, i] * matrix[2, j]
+            if not abs(found - (1.0 if i == j else 0.0)) <= skew_allowed:
+                return False
+    across = np.empty(3)
+    for i in range(3):
+        j, k = (i + 1) % 3, (i + 2) % 3
+        across[i] = matrix[1, j] * matrix[2, k] - matrix[1, k] * matrix[2, j]
+    return bool(matrix[0, 0] * across[0] + matrix[0, 1] * across[1] + matrix[0, 2] * across[2] > 0.0)
+
+
+@kernel
 def exp_map(w: Floats) -> Floats:
     """Rotation (3, 3) by the vector w (3,) rad: I + sin(t)/t W + (1 - cos t)/t^2 W^2 (Rodrigues)."""
     angle2 = w[0] * w[0] + w[1] * w[1] + w[2] * w[2]

@@ -11,7 +11,7 @@ from benchmarks.builtin_scenarios import benchmark_scenario
 from benchmarks.measurements import Figure, Part, figure
 from benchmarks.performance.step_clock import MeasurementError, limit_of
 from simcore.errors import Status
-from simcore.insertion.response import linear_response
+from simcore.insertion.response import responses
 from simcore.insertion.state import Pose
 from simcore.needle.beam import internal
 from simcore.rollout.rollout import compile_kernels
@@ -72,12 +72,12 @@ def _kernels(insertion: Insertion, state: InsertionState) -> dict[str, Kernel]:
     bodies, needle, right = state.bodies, insertion.needle, np.ones(insertion.tissue.unknowns)
     columns = np.ones((3, insertion.tissue.unknowns), np.float32)
     rotations = workspace.blocks.rotations()
-    held = np.zeros_like(bodies.x)
+    held, elements, beams = np.zeros_like(bodies.x), solved.active.elements, solved.beams
     return {
         "force": lambda: workspace.blocks.evaluate(bodies.x, held),
         "back_solve": lambda: workspace.compliance.solve(right),
         "columns": lambda: workspace.compliance.solve(columns),
-        "w": lambda: linear_response(solved.active, solved.at.points, solved.beams, between),
+        "w": lambda: responses(elements, solved.at.points, beams.diag, beams.upper, beams.lower, between),
         "beams": lambda: internal(bodies.needle_x, bodies.needle_R, needle.section, workspace.beams),
         "refactor": lambda: workspace.compliance.refactor(rotations),
     }

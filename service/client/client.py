@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import secrets
 import tempfile
 import time
 from pathlib import Path
@@ -70,13 +71,14 @@ class Client(CampaignCalls, ModelCalls, UploadCalls):
         """Queue a scenario, its JSON data, or a built-in one by name. Higher priority runs first.
 
         timeout_s: most wall time of an attempt; None = an hour, or four times the service's estimate if that is
-        longer. idempotency_key: repeated with the same request, it returns the same job.
+        longer. idempotency_key: repeated with the same request, it returns the same job; None = one of its own, so
+        that an answer that is lost leads to no second job.
         """
         data = scenario.resolved() if isinstance(scenario, Scenario) else scenario
         body: dict[str, Any] = {"scenario": data, "priority": priority}
         if timeout_s is not None:
             body["timeout_s"] = timeout_s
-        headers = {"Idempotency-Key": idempotency_key} if idempotency_key is not None else {}
+        headers = {"Idempotency-Key": secrets.token_hex(16) if idempotency_key is None else idempotency_key}
         return JobStatus.of(self._json("POST", "/api/v1/jobs", json=body, headers=headers))
 
     def job(self, job_id: str) -> JobStatus:

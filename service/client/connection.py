@@ -19,6 +19,9 @@ if TYPE_CHECKING:
     from types import TracebackType
 
 _PAGE = 1000  # items of a list that are fetched at once
+CONNECT_S = 10.0
+TRIES = 4  # of a request that may be repeated, when no answer comes in time
+LONGER = 10  # times as long is waited for the answer to one that may not
 
 
 class ServiceError(NeedlebenchError):
@@ -48,7 +51,7 @@ class Connection:
     def __init__(self, url: str, api_key: str | None = None, *, timeout_s: float = 30.0) -> None:
         if api_key and not (api_key.isascii() and api_key.isprintable()):
             raise ScenarioError([Problem("API key", "(hidden)", "must be printable ASCII characters")])
-        self.url = url.rstrip("/")
+        self.url, self.timeout_s = url.rstrip("/"), timeout_s
         try:
             local = is_loopback(urlsplit(url).hostname or "")
             known = api_key or (_token_of(self.url) if local else None)
@@ -56,7 +59,7 @@ class Connection:
             self._http = httpx2.Client(
                 base_url=self.url,
                 headers=headers,
-                timeout=httpx2.Timeout(timeout_s, connect=10.0),
+                timeout=httpx2.Timeout(timeout_s, connect=CONNECT_S),
                 trust_env=not local,  # a proxy cannot reach this machine's loopback
             )
         except (ValueError, httpx2.InvalidURL) as error:
@@ -96,12 +99,25 @@ class Connection:
             cursor = {"cursor": page["next_cursor"]}
 
     def _request(self, method: str, path: str, **options: Any) -> httpx2.Response:
-        try:
-            answer = self._http.request(method, path, **options)
-        except httpx2.TransportError as error:
-            raise UnreachableError(
-                f"no needlebench service answers at {self.url} ({error}): start one with needlebench serve"
-            ) from None
+        """Raises ServiceError and UnreachableError. On a machine that has much else to do an answer may take long: what
+        changes nothing, or is the same when repeated, is asked again; for all else it is waited longer."""
+        repeatable = method in ("GET", "HEAD") or "Idempotency-Key" in (options.get("headers") or {})
+        patience_s = self.timeout_s * (1 if repeatable else LONGER)
+        for left in reversed(range(TRIES if repeatable else 1)):
+            try:
+                timeout = httpx2.Timeout(patience_s, connect=CONNECT_S)
+                answer = self._http.request(method, path, timeout=timeout, **options)
+            except httpx2.ReadTimeout:
+                if not left:
+                    raise UnreachableError(
+                        f"the service at {self.url} does not answer, within {patience_s:g} s: is the machine very busy?"
+                    ) from None
+            except httpx2.TransportError as error:
+                raise UnreachableError(
+                    f"no needlebench service answers at {self.url} ({error}): start one with needlebench serve"
+                ) from None
+            else:
+                break
         if answer.is_error:
             raise refusal(answer)
         return answer
@@ -109,7 +125,8 @@ class Connection:
     def _download(self, path: str, target: Path) -> Path:
         draft = target.with_name(f".{target.name}.part")
         try:
-            with self._http.stream("GET", path) as answer:
+            patience = httpx2.Timeout(LONGER * self.timeout_s, connect=CONNECT_S)
+            with self._http.stream("GET", path, timeout=patience) as answer:
                 if answer.is_error:
                     answer.read()
                     raise refusal(answer)

@@ -43,7 +43,7 @@ def _running(settings: Settings) -> str | None:
     if url is None:
         return None
     try:
-        with Client(url, settings.api_key, timeout_s=2.0) as client:
+        with Client(url, settings.api_key, timeout_s=5.0) as client:
             client.ready()
     except (UnreachableError, ServiceError):
         return None

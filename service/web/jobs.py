@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from contextlib import suppress
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any
 from urllib.parse import urlencode
 
 from fastapi import APIRouter, Query, Request, Response
@@ -23,8 +23,12 @@ from service.store.paging import read_page
 from service.web.form import scenario_form
 from service.web.job_facts import differences, measures, path_words, ways_to_run
 from service.web.site import missing, page
+from service.web.still import still
 from simcore.scenario.point_rules import without_derived
 from simcore.scenario.presets import preset, preset_names
+
+if TYPE_CHECKING:
+    from pathlib import Path
 
 router = APIRouter(include_in_schema=False)
 
@@ -156,8 +160,10 @@ def get_job(job_id: JobId, request: Request, service: ServiceOf) -> Response:
         job = service.store.get(job_id)
     except UnknownJobError:
         return missing(request, f"job {job_id}")
-    artefacts = [ArtefactView.of(job.id, one) for one in service.store.artefacts(job.id)]
+    stored = {one.name: one for one in service.store.artefacts(job.id)}
+    artefacts = [ArtefactView.of(job.id, one) for one in stored.values()]
     view = JobView.of(job)
+    drawable = _drawable(job, view, set(stored))
     return page(
         request,
         "job.html",
@@ -176,8 +182,16 @@ def get_job(job_id: JobId, request: Request, service: ServiceOf) -> Response:
         **_what_ran(view),
         ways=ways_to_run(view.scenario, str(request.base_url).rstrip("/")) if view.scenario else {},
         **_result_values(view.result or {}),
-        **_drawable(job, view, {artefact.name for artefact in artefacts}),
+        **drawable,
+        still=_still(view, service.settings.data / stored["series.npz"].path) if drawable["plotted"] else None,
     )
+
+
+def _still(view: JobView, series: Path) -> dict[str, Any] | None:
+    """What is drawn of a finished insertion; None for a training."""
+    if view.scenario is None:
+        return None
+    return still(view.scenario, ((view.result or {}).get("held") or {}).get("faces") or [], series)
 
 
 def _what_ran(view: JobView) -> dict[str, Any]:

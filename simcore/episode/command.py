@@ -8,8 +8,8 @@ import numpy as np
 
 from simcore.errors import NeedlebenchError
 from simcore.insertion.state import Pose
-from simcore.linear_algebra.products import norm, product
-from simcore.mesh.edges import determinants
+from simcore.linear_algebra.products import norm
+from simcore.rotations import is_rotation
 
 if TYPE_CHECKING:
     from simcore.arrays import Floats
@@ -41,8 +41,7 @@ def checked_command(command: Any, base: Pose, step: int) -> Pose:
     if not (np.isfinite(position).all() and np.isfinite(rotation).all()):
         name, value = ("rotation", rotation) if np.isfinite(position).all() else ("position_m", position)
         raise CommandError(step, f"a Pose with {name} = {_shown(value)}, values that are not finite")
-    skew = np.abs(product(rotation.T, rotation) - np.eye(3)).max()
-    if skew > MAXIMUM_SKEW or determinants(rotation[None])[0] < 0.0:
+    if not is_rotation(np.ascontiguousarray(rotation), MAXIMUM_SKEW):
         raise CommandError(step, f"a Pose with rotation = {_shown(rotation)}, which is no rotation matrix")
     if (problem := _reach_problem(position, base.position_m)) is not None:
         raise CommandError(step, f"a Pose with position_m = {problem}")

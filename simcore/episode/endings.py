@@ -115,7 +115,8 @@ def place_of_inversion(insertion: Insertion, state: InsertionState) -> str:
     side of the tissue's bounding box."""
     tissue = insertion.tissue
     rest = tissue.mesh.nodes_m
-    worst = strain_extremes(state.bodies.x, tissue.mesh.tets, tissue.gradients).least_det_tet
+    blocks = insertion.workspace.blocks
+    worst = strain_extremes(state.bodies.x, blocks.corners, blocks.gradients).least_det_tet
     centre = rest[tissue.mesh.tets[worst]].mean(axis=0)
     sides = np.concatenate([centre - rest.min(axis=0), rest.max(axis=0) - centre]).reshape(2, 3).T.ravel()
     nearest = int(sides.argmin())

@@ -17,7 +17,7 @@ import numpy as np
 
 from simcore.contact.channel import Phase
 from simcore.errors import ModelFailureError, Status
-from simcore.insertion.jacobian_fast import Linearisation, base_response, lateral_offset
+from simcore.insertion.jacobian_fast import Linearisation, base_moves, lateral_offset
 from simcore.insertion.state import Bodies, Guess, Pose, SolvedStep
 from simcore.linear_algebra.products import product, times
 from simcore.needle.model import advance, increments
@@ -104,7 +104,8 @@ class Response:
     @classmethod
     def of(cls, model: CoupledModel, solved: SolvedStep, columns: Singles) -> Response:
         """Of a solved step; columns (3a, unknowns) m/N: the tissue's moves under unit forces on its active elements."""
-        needle, forces = base_response(model, solved)
+        moves = base_moves(model, solved)
+        needle, forces = moves.of_all_nodes(), moves.change
         tissue, unknown = np.zeros((len(solved.bodies.x), 3, 6)), model.tissue.unknown
         free = unknown >= 0
         tissue[free] = product(columns.T.astype(float), forces).reshape(-1, 3, 6)[unknown[free]]

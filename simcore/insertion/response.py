@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -12,25 +12,6 @@ from simcore.needle.model import factor_blocks, solve_blocks
 
 if TYPE_CHECKING:
     from simcore.arrays import Floats, Ints
-    from simcore.insertion.state import ActiveSet
-    from simcore.needle.beam import BeamForces
-
-
-class NeedleResponse(NamedTuple):
-    """w (3a, 3a) m/N: gaps per force in local frames, tissue and needle together. per_force (n, 6, 3a): moves of the
-    needle's free nodes per world force on it. factor: of its tangent, for `solve_blocks`."""
-
-    w: Floats
-    per_force: Floats
-    factor: tuple[Floats, Floats]
-
-
-def linear_response(
-    active: ActiveSet, points: ConstraintPoints, beams: BeamForces, between_m_per_n: Floats
-) -> NeedleResponse:
-    """Of the needle at its tangent `beams`, and of the tissue by its compliance (3P, 3P) between all elements."""
-    w, moves, *factor = responses(active.elements, points, beams.diag, beams.upper, beams.lower, between_m_per_n)
-    return NeedleResponse(w, moves, (factor[0], factor[1]))
 
 
 @kernel
@@ -42,7 +23,11 @@ def responses(
     lower: Floats,
     between: Floats,
 ) -> tuple[Floats, Floats, Floats, Floats]:
-    """The fields of NeedleResponse, its factor as two: in one kernel, since Python costs more than its parts."""
+    """Of needle and tissue: w (3a, 3a) m/N, gaps per force in local frames; per_force (n, 6, 3a), moves of the needle's
+    free nodes per world force on it; the factor of its tangent as two, for `solve_blocks`.
+
+    between: (3P, 3P) m/N, the tissue's compliance between all elements; diag, upper, lower: the needle's tangent.
+    """
     a, n = len(elements), len(upper)
     inverses, multipliers = factor_blocks(diag[1:], upper[1:], lower[1:])
     moves = np.empty((n, 6, 3 * a))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import codecs
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
@@ -77,7 +78,7 @@ def read_body(data: bytes, suffix: str, wanted: tuple[str, ...] | None, unit_mm:
 def _sound_body(data: bytes, suffix: str, wanted: tuple[str, ...] | None, unit_mm: float | None) -> Body:
     kind, read = FORMATS[suffix]
     try:
-        raw = read(data)
+        raw = read(data.removeprefix(codecs.BOM_UTF8))  # which some editors write before the text
     except FormatError as error:
         raise MeshFaultError(f"is not a mesh that can be read ({kind}): {error}") from None
     tets = _tetrahedra(raw)

@@ -129,7 +129,8 @@ class Recorder:
         base = state.base
         mesh = self.insertion.tissue.mesh
         displacement = state.bodies.x - mesh.nodes_m
-        strain = strain_extremes(state.bodies.x, mesh.tets, self.insertion.tissue.gradients)
+        blocks = self.insertion.workspace.blocks
+        strain = strain_extremes(state.bodies.x, blocks.corners, blocks.gradients)
         offset = lateral_offset(self.insertion.model, state.bodies, state.inserted_m)[0]
         frame = step in (0, self.episode.steps) or (recording.enabled and step % recording.every_steps == 0)
         record = StepRecord(

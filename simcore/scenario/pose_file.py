@@ -8,7 +8,6 @@ from __future__ import annotations
 import hashlib
 import io
 import stat
-import warnings
 from collections import OrderedDict
 from threading import Lock
 from typing import TYPE_CHECKING
@@ -18,6 +17,7 @@ import numpy as np
 from simcore.errors import Problem, ScenarioError
 from simcore.file_names import located
 from simcore.scenario.blocks import MAXIMUM_STEPS
+from simcore.scenario.number_table import comma_separated
 
 if TYPE_CHECKING:
     from simcore.arrays import Floats
@@ -115,10 +115,8 @@ def _content(name: str) -> tuple[bytes, str]:
 
 def _parsed(name: str, data: bytes, suffix: str) -> Floats:
     try:
-        with warnings.catch_warnings():
-            warnings.simplefilter("error")  # of an empty file
-            table = _numpy_array(data) if suffix == ".npy" else _comma_separated(data)
-    except (ValueError, TypeError, SyntaxError, EOFError, MemoryError, UserWarning) as error:
+        table = _numpy_array(data) if suffix == ".npy" else comma_separated(data)
+    except (ValueError, TypeError, SyntaxError, EOFError, MemoryError) as error:
         raise _fault(name, f"is no table of numbers: {str(error)[:200]}") from None
     if table.ndim != 2 or table.shape[1] != COLUMNS or not 1 <= len(table) <= MAXIMUM_STEPS:
         shape = " x ".join(map(str, table.shape))
@@ -132,9 +130,3 @@ def _numpy_array(data: bytes) -> Floats:
     if not isinstance(table, np.ndarray) or table.dtype.kind not in "fiu":
         raise ValueError("its numbers must be real")
     return np.array(table, dtype=float, order="C")
-
-
-def _comma_separated(data: bytes) -> Floats:
-    """Seven numbers a line; a first line that begins with a letter is a heading."""
-    heading = 1 if data[:1].isalpha() else 0
-    return np.loadtxt(io.BytesIO(data), delimiter=",", ndmin=2, skiprows=heading, encoding="utf-8", dtype=float)

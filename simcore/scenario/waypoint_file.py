@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-import io
-import warnings
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from simcore.errors import Problem, ScenarioError
+from simcore.scenario.number_table import comma_separated
 from simcore.scenario.trajectory_blocks import MAXIMUM_POINTS
 
 if TYPE_CHECKING:
@@ -21,7 +20,7 @@ KEPT = ("entry_mm", "entry_snap_mm", "speed_mm_s", "frame")  # of the trajectory
 
 
 def read_waypoints(path: Path | str) -> Floats:
-    """(n, 3) mm from a .csv file: three numbers a line; a first line that begins with a letter is a heading.
+    """(n, 3) mm from a .csv file: three numbers a line, with or without a heading.
 
     Raises ScenarioError, which names the file, and the row where one is wrong.
     """
@@ -29,15 +28,10 @@ def read_waypoints(path: Path | str) -> Floats:
         data = Path(path).read_bytes()
         if len(data) > MAXIMUM_BYTES:
             raise _fault(path, f"holds {len(data) / 1e6:.1f} MB, at most {MAXIMUM_BYTES / 1e6:g} are allowed")
-        with warnings.catch_warnings():
-            warnings.simplefilter("error")  # of an empty file
-            heading = 1 if data[:1].isalpha() else 0
-            points = np.loadtxt(
-                io.BytesIO(data), delimiter=",", ndmin=2, skiprows=heading, encoding="utf-8", dtype=float
-            )
+        points = comma_separated(data)
     except OSError as error:
         raise _fault(path, f"cannot be read: {error.strerror or error}") from None
-    except (ValueError, UserWarning) as error:
+    except ValueError as error:
         raise _fault(path, f"is no table of numbers: {str(error)[:200]}") from None
     if points.shape[1] != COLUMNS or not 1 <= len(points) <= MAXIMUM_POINTS:
         shape = " x ".join(map(str, points.shape))

@@ -23,7 +23,7 @@ from simcore.tissue.model import (
 )
 
 if TYPE_CHECKING:
-    from simcore.arrays import Floats
+    from simcore.arrays import Floats, Ints
 
 Corners = NDArray[np.uint32]
 
@@ -42,6 +42,18 @@ class Blocks(NamedTuple):
     tetrahedra: Tetrahedra
 
 
+def in_blocks(tets: Ints, gradients: Floats) -> tuple[Corners, Floats]:
+    """Corners (b, 4, LANES), gradients (b, 9, LANES) of tets (t, 4), gradients (t, 4, 3); filled up with the first."""
+    corners, nine = (_blocked(rows) for rows in (tets, gradients[:, 1:].reshape(len(tets), 9)))
+    return corners.astype(np.uint32), nine
+
+
+def _blocked(rows: NDArray[Any]) -> NDArray[Any]:
+    """(t, k) -> (blocks, k, LANES)."""
+    padded = np.concatenate([rows, np.repeat(rows[:1], -len(rows) % LANES, axis=0)])
+    return np.ascontiguousarray(padded.reshape(-1, LANES, rows.shape[1]).transpose(0, 2, 1))
+
+
 class ForceBlocks:
     """Work arrays of one tissue: its tetrahedra in blocks, and their last rotations (the warm start)."""
 
@@ -49,18 +61,12 @@ class ForceBlocks:
         self.model = model
         count = len(model.mesh.tets)
         self.count, self.blocks = count, -(-count // LANES)
-        self.corners: Corners = self._blocked(model.mesh.tets).astype(np.uint32)
-        self.gradients: Floats = self._blocked(model.gradients[:, 1:].reshape(count, 9))
+        self.corners, self.gradients = in_blocks(model.mesh.tets, model.gradients)
         state = np.zeros((self.blocks, ROWS, LANES))
         state[:, 9:18] = np.eye(3).reshape(1, 9, 1)
         state[:, 27] = np.concatenate([model.volumes_m3, np.zeros(self.blocks * LANES - count)]).reshape(-1, LANES)
         self.state = state.ravel()
         self.arrays = Blocks(self.corners, self.gradients, self.state, model.tetrahedra)
-
-    def _blocked(self, rows: NDArray[Any]) -> NDArray[Any]:
-        """(t, k) -> (blocks, k, LANES); the last block is filled up with copies of weightless tetrahedra."""
-        padded = np.concatenate([rows, np.repeat(rows[:1], self.blocks * LANES - self.count, axis=0)])
-        return np.ascontiguousarray(padded.reshape(self.blocks, LANES, -1).transpose(0, 2, 1))
 
     def rotations(self) -> Floats:
         """(t, 9) row-major polar rotations at the last evaluation."""
@@ -105,21 +111,27 @@ def gather_gradients(x: Floats, corners: Corners, gradients: Floats, state: Floa
     """Rows F = sum_a (x_a - x_0) (x) grad N_a of each tetrahedron."""
     edges = np.empty((9, LANES))
     for b in range(len(corners)):
-        t, g = corners[b], gradients[b]
         start = b * ROWS * LANES
         f = state[start : start + 9 * LANES].reshape(9, LANES)
-        for lane in range(LANES):
-            n0, n1, n2, n3 = t[0, lane], t[1, lane], t[2, lane], t[3, lane]
-            for i in range(3):
-                x0 = x[n0, i]
-                edges[i, lane] = x[n1, i] - x0
-                edges[3 + i, lane] = x[n2, i] - x0
-                edges[6 + i, lane] = x[n3, i] - x0
+        gradients_of_block(x, corners[b], gradients[b], edges, f)
+
+
+@kernel
+def gradients_of_block(x: Floats, t: Corners, g: Floats, edges: Floats, f: Floats) -> None:
+    """Write f (9, LANES), the deformation gradients of one block: corners t (4, LANES), gradients g (9, LANES) at rest;
+    edges (9, LANES) is for its own use."""
+    for lane in range(LANES):
+        n0, n1, n2, n3 = t[0, lane], t[1, lane], t[2, lane], t[3, lane]
         for i in range(3):
-            for j in range(3):
-                for lane in range(LANES):
-                    first, second, third = edges[i, lane], edges[3 + i, lane], edges[6 + i, lane]
-                    f[3 * i + j, lane] = first * g[j, lane] + second * g[3 + j, lane] + third * g[6 + j, lane]
+            x0 = x[n0, i]
+            edges[i, lane] = x[n1, i] - x0
+            edges[3 + i, lane] = x[n2, i] - x0
+            edges[6 + i, lane] = x[n3, i] - x0
+    for i in range(3):
+        for j in range(3):
+            for lane in range(LANES):
+                first, second, third = edges[i, lane], edges[3 + i, lane], edges[6 + i, lane]
+                f[3 * i + j, lane] = first * g[j, lane] + second * g[3 + j, lane] + third * g[6 + j, lane]
 
 
 @inlined

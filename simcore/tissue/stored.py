@@ -47,7 +47,7 @@ def stored(x: Floats, tets: Ints, gradients: Floats, volumes: Floats, mu: float,
             c[1, 1] += f1 * f1
             c[1, 2] += f1 * f2
             c[2, 2] += f2 * f2
-        low, high = outer_eigenvalues(c)
+        low, high = outer_eigenvalues(c[0, 0], c[1, 1], c[2, 2], c[0, 1], c[0, 2], c[1, 2])
         middle = c[0, 0] + c[1, 1] + c[2, 2] - low - high
         e[0], e[1], e[2] = np.sqrt(max(low, 0.0)) - 1.0, np.sqrt(max(middle, 0.0)) - 1.0, np.sqrt(max(high, 0.0)) - 1.0
         trace = e[0] + e[1] + e[2]

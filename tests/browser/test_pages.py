@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+import json
 import os
 import re
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import pytest
 
@@ -16,7 +17,7 @@ from tests.service.learned import dataset_bytes
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
-    from playwright.sync_api import Browser, FilePayload, Page
+    from playwright.sync_api import Browser, FilePayload, Page, Route
 
 pytest.importorskip("playwright.sync_api", reason="needs playwright, of the dev extra")
 pytestmark = [
@@ -79,10 +80,13 @@ def test_submit_from_the_form_and_follow_to_the_end(page: Page) -> None:
     page.locator("#plot-error", has_text="depth").wait_for()
     page.get_by_label("over time").check()
     page.locator("#plot-error", has_text="time").wait_for()
+    for part in ("path", "tip", "needle"):
+        assert page.locator(f"#still svg .{part}").count() == 2, part
+    assert "The tip ended at 18.1, 31, 30 mm." in (page.locator("#still title").text_content() or "")
 
 
 def test_progress_is_told_while_it_runs_and_cancel_ends_it(page: Page, server: Server) -> None:
-    job = server.client.submit({"name": "slow to cancel"})
+    job = server.client.submit({"name": "lasting to cancel"})
     page.goto(f"/jobs/{job.id}")
     until(lambda: int(page.locator("[data-step]").inner_text()) >= 20)
     page.locator("#plot-error canvas").wait_for()
@@ -236,7 +240,7 @@ def test_a_scenario_survives_the_form(page: Page, server: Server) -> None:
 
 
 def test_the_list_follows_jobs_and_filters(page: Page, server: Server) -> None:
-    job = server.client.submit({"name": "slow in the list"})
+    job = server.client.submit({"name": "lasting in the list"})
     row = page.locator(f"tr[data-key='{job.id}']")
     row.locator(".state.running").wait_for()
     until(lambda: page.evaluate(f"document.querySelector(\"tr[data-key='{job.id}'] progress\").value") > 0.1)
@@ -337,6 +341,7 @@ def test_a_model_is_trained_from_the_page_and_steered_by(page: Page) -> None:
     page.wait_for_url(re.compile("/jobs/[0-9a-z]+$"))
     ended(page)
     page.get_by_role("link", name="Open the model").click()
+    page.wait_for_url("**/models/*")
     page.get_by_role("heading", name="from the page.json").wait_for()
     assert page.locator(".errors rect").count() == 6
     page.get_by_role("button", name="Pin", exact=True).click()
@@ -348,6 +353,49 @@ def test_a_model_is_trained_from_the_page_and_steered_by(page: Page) -> None:
     page.goto("/models")
     page.get_by_role("link", name="from the page.json").first.click()
     page.locator("#used tbody tr").wait_for()
+
+
+def test_a_form_is_submitted_only_once_its_script_is_here(page: Page) -> None:
+    held: list[Route] = []
+
+    def hold(route: Route) -> None:
+        held.append(route)
+
+    page.route("**/submit.js*", hold)
+    page.goto("/submit", wait_until="commit")
+    submit = page.get_by_role("button", name="Submit", exact=True)
+    assert submit.is_disabled()
+    page.locator("#f-name").press("Enter")
+    assert page.url.endswith("/submit")
+    held[0].continue_()
+    page.locator("button[type=submit]:enabled").wait_for()
+    page.locator("#f-name").fill("brisk after the script")
+    submit.click()
+    page.wait_for_url(re.compile("/jobs/[0-9a-z]+$"))
+    page.get_by_role("heading", name="brisk after the script").wait_for()
+
+
+def test_what_was_entered_survives_a_reload_and_is_not_replaced_unasked(page: Page) -> None:
+    page.goto("/submit?from=line")
+    page.locator("#f-name").fill("brisk and kept")
+    page.get_by_text("priority and time limit").click()
+    page.locator("#f-priority").fill("-3")
+    page.reload()
+    assert page.locator("#f-name").input_value() == "brisk and kept"
+    assert page.locator("#f-priority").input_value() == "-3"
+    assert page.locator("#preset").input_value() == "line"
+    page.locator("#preset").select_option("sine")
+    page.get_by_role("dialog").get_by_text("Replace what you entered by sine?").wait_for()
+    page.get_by_role("button", name="No").click()
+    assert page.locator("#f-name").input_value() == "brisk and kept"
+    assert page.locator("#preset").input_value() == "line"
+    page.locator("#preset").select_option("sine")
+    page.get_by_role("button", name="Yes").click()
+    page.wait_for_function("document.getElementById('f-name').value !== 'brisk and kept'")
+    page.locator("#preset").select_option("demo")  # nothing was entered since: nobody asks
+    page.reload()
+    assert page.locator("#preset").input_value() == "line"
+    assert not page.locator("#f-priority").is_visible()
 
 
 def test_the_keyboard_reaches_the_main_actions_in_order(page: Page) -> None:
@@ -461,3 +509,42 @@ CONTRAST = """
   return found;
 }
 """
+
+
+@pytest.mark.parametrize(
+    "region",
+    [
+        {"kind": "box", "min_mm": [0, 0, 100], "max_mm": [36, 10, 127]},
+        {"kind": "sphere", "centre_mm": [18, 60, 60], "radius_mm": 12},
+        {"kind": "plane", "point_mm": [0, 0, 120], "normal": [0, 0, 1], "within_mm": 3},
+    ],
+    ids=lambda region: region["kind"],
+)
+def test_the_form_draws_the_regions_that_are_held(page: Page, region: dict[str, Any]) -> None:
+    page.goto("/submit")
+    page.locator("#drawing .held").first.wait_for(state="attached")
+    entered(page, "tissue.fixed_regions", json.dumps([region]))
+    assert page.locator("#drawing .region").count() == 2
+    assert page.locator("#drawing .held").count() == 0  # the faces of the default are held where nothing else is
+    assert "held: 1 region." in (page.locator("#drawing title").text_content() or "")
+
+
+def test_a_path_that_leaves_the_block_is_drawn_so(page: Page) -> None:
+    page.goto("/submit")
+    page.locator("#drawing .path").first.wait_for(state="attached")
+    assert page.locator("#drawing .beyond[points='']").count() == 2
+    entered(page, "trajectory.target_mm", "90")
+    assert page.locator("#drawing .beyond:not([points=''])").count() == 2
+    assert "which leaves the block" in (page.locator("#drawing title").text_content() or "")
+
+
+def entered(page: Page, path: str, text: str) -> None:
+    """Type into the first input of a field, whether its part of the form is open or not."""
+    page.locator(f'[data-path="{path}"]').evaluate(
+        """(field, text) => {
+            const control = field.querySelector("input, textarea");
+            control.value = text;
+            control.dispatchEvent(new Event("input", { bubbles: true }));
+        }""",
+        text,
+    )

@@ -30,7 +30,7 @@ def server(tmp_path: Path) -> Iterator[Server]:
 
 def test_the_page_outlives_its_server(server: Server) -> None:
     """The job is begun again; the plots of the attempt that died give way to those of the new one."""
-    job = server.client.submit({"name": "slow and killed"})
+    job = server.client.submit({"name": "lasting and killed"})
     port = int(server.url.rpartition(":")[2])
     with chromium() as browser, opened(browser, server.url, expected="net::ERR") as page:
         page.goto(f"/jobs/{job.id}")
@@ -55,7 +55,7 @@ def test_the_page_outlives_its_server(server: Server) -> None:
 
 
 def test_a_page_that_is_opened_later_draws_the_way_so_far(server: Server) -> None:
-    job = server.client.submit({"name": "slow with a way"})
+    job = server.client.submit({"name": "lasting with a way"})
     until(lambda: server.client.job(job.id).progress.step >= 40)
     with chromium() as browser, opened(browser, server.url) as page:
         page.goto(f"/jobs/{job.id}")

@@ -54,6 +54,17 @@ export function tell(text, { kind = "bad", items = [] } = {}) {
   messages.scrollIntoView({ block: "nearest" });
 }
 
+/**
+ * What a form does when it is submitted. Its button is disabled in the page until this runs: a browser would
+ * otherwise submit the form by itself, to nowhere. Coming back to a page that was kept makes it work again.
+ */
+export function submits(form, handler) {
+  const button = form.querySelector("button[type=submit]");
+  form.addEventListener("submit", (event) => { event.preventDefault(); handler(); });
+  button.disabled = false;
+  addEventListener("pageshow", ({ persisted }) => { if (persisted) button.disabled = false; });
+}
+
 export function quiet() {
   document.getElementById("messages").replaceChildren();
 }
@@ -117,7 +128,7 @@ export function unmark(root) {
 }
 
 /** Ask before an action that cannot be undone. */
-function confirmed(text) {
+export function confirmed(text) {
   const dialog = document.getElementById("confirm");
   dialog.querySelector("p").textContent = text;
   dialog.returnValue = "";

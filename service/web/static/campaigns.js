@@ -1,5 +1,5 @@
 // The list of campaigns, and the form of a new one: a dry run first, then start.
-import { at, unmark } from "./app.js";
+import { at, submits, unmark } from "./app.js";
 import { refresh, span } from "./live.js";
 import { campaignFields, campaignOf, post } from "./request.js";
 
@@ -11,8 +11,7 @@ let checked = null; // the request of the last dry run
 campaignFields(form);
 
 form.addEventListener("input", () => { start.disabled = true; checked = null; });
-form.addEventListener("submit", async (event) => {
-  event.preventDefault();
+submits(form, async () => {
   unmark(form);
   const request = campaignOf(form);
   const estimate = await post(form, at("/api/v1/campaigns?dry_run=1"), request);

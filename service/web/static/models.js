@@ -1,5 +1,5 @@
 // Models: the form of a training, and uploads.
-import { at, errorText, mark, quiet, send, tell, unmark } from "./app.js";
+import { at, errorText, mark, quiet, send, submits, tell, unmark } from "./app.js";
 import { follow, refresh } from "./live.js";
 
 const form = document.getElementById("train");
@@ -49,8 +49,7 @@ document.getElementById("model-file").addEventListener("change", async ({ target
   if (sent) location.assign(at(`/models/${sent.id}`));
 });
 
-form.addEventListener("submit", async (event) => {
-  event.preventDefault();
+submits(form, async () => {
   unmark(form);
   quiet();
   const body = { data: field("data").value, kind: field("kind").value, split: field("split").value };

@@ -1,5 +1,5 @@
 // Schedules: the form of a new one; the list is refreshed after every change.
-import { at, tell, unmark } from "./app.js";
+import { at, submits, tell, unmark } from "./app.js";
 import { refresh } from "./live.js";
 import { campaignFields, campaignOf, post } from "./request.js";
 
@@ -7,8 +7,7 @@ const form = document.getElementById("schedule");
 
 campaignFields(form);
 
-form.addEventListener("submit", async (event) => {
-  event.preventDefault();
+submits(form, async () => {
   unmark(form);
   const body = { campaign: campaignOf(form, "campaign.") };
   for (const name of ["name", "cron", "timezone", "catchup", "overlap"]) body[name] = form.querySelector(`[data-field="${name}"]`).value.trim();

@@ -1,11 +1,12 @@
 // The form of a scenario: changed fields become JSON; a drawing and an estimate follow.
-import { at, mark, quiet, send, unmark } from "./app.js";
+import { at, confirmed, mark, quiet, send, submits, unmark } from "./app.js";
 import { curve, drawing, length } from "./draw.js";
 import { span } from "./live.js";
 
 const form = document.getElementById("scenario");
 const presets = JSON.parse(form.dataset.presets);
 const given = JSON.parse(form.dataset.given);
+const preset = document.getElementById("preset");
 const fields = [...form.querySelectorAll("[data-path]")];
 const MOST_SHOWN = 4000; // characters of the JSON that are shown
 
@@ -53,11 +54,13 @@ function put(field, entered) {
 
 const valueAt = (data, path) => path.split(".").reduce((here, name) => here?.[name], data);
 
-function fill(data) {
+/** Put a scenario, and what else a job is given (as `body` has them), into the form. */
+function fill({ scenario, ...rest }) {
   unmark(form);
   for (const field of fields) {
-    if (field.dataset.path.startsWith("@")) continue;
-    let entered = valueAt(data, field.dataset.path);
+    const { path } = field.dataset;
+    if (path.startsWith("@")) { put(field, rest[path.slice(1)]); continue; }
+    let entered = valueAt(scenario, path);
     if (!["kind", "json"].includes(field.dataset.entry) && entered !== null && typeof entered === "object" && !Array.isArray(entered)) entered = undefined;
     put(field, entered);
   }
@@ -118,8 +121,31 @@ function update() {
     const count = [...group.querySelectorAll(".changed")].filter(counts).length;
     group.querySelector("[data-count]").textContent = count ? `${count} set` : "";
   }
+  keep(data);
   picture();
   ask();
+}
+
+const KEPT = `needlebench ${location.pathname}${location.search}`; // in this tab, so that a reload loses nothing
+let chosen = preset.value; // what the form was last filled from
+let typed = false; // whether anything was entered since
+
+function keep(data) {
+  try {
+    if (typed) sessionStorage.setItem(KEPT, JSON.stringify({ chosen, ...data }));
+    else sessionStorage.removeItem(KEPT);
+  } catch { /* a browser that keeps nothing */ }
+}
+
+function kept() {
+  try { return JSON.parse(sessionStorage.getItem(KEPT)); } catch { return null; }
+}
+
+/** Start from defaults, a preset or what the address asks for. */
+function startFrom(name) {
+  preset.value = chosen = name;
+  typed = false;
+  fill({ scenario: (name === "@given" ? given : presets[name]) ?? {} });
 }
 
 function picture() {
@@ -133,15 +159,25 @@ function picture() {
   if (kind === "arc") Object.assign(path, { radius: now("trajectory.radius_mm"), direction: now("trajectory.direction") });
   if (sine) Object.assign(path, { amplitude: now("trajectory.amplitude_mm"), periods: now("trajectory.periods"), direction: now("trajectory.direction") });
   const points = curve(path);
-  const named = ["tissue.fixed_sets", "tissue.fixed_regions"].some((path) => (now(path) ?? []).length > 0);
+  const regions = [now("tissue.fixed_regions") ?? []].flat().filter((one) => one && typeof one === "object");
+  const named = (now("tissue.fixed_sets") ?? []).length > 0 || regions.length > 0;
   const faces = now("tissue.fixed_faces") ?? (named ? [] : ["y_min", "y_max"]);
-  drawing(document.getElementById("drawing"), { size, points, faces, mesh: now("tissue.mesh_file") });
+  drawing(document.getElementById("drawing"), { size, points, faces, regions: regions.filter(complete), mesh: now("tissue.mesh_file") });
   const poses = now("controller.poses");
   const time = kind === "reach" ? now("trajectory.time_s") : length(points) / now("trajectory.speed_mm_s");
   const steps = Array.isArray(poses) ? poses.length : Math.ceil(time / now("dt_s") - 1e-9);
   const cells = size.map((v) => Math.max(1, Math.round(v / now("tissue.element_size_mm")))).reduce((a, b) => a * b, 1);
   const mesh = now("tissue.mesh_file") ? "a mesh from a file" : `${cells.toLocaleString("en")} cells`;
   document.getElementById("length").textContent = Number.isFinite(steps) ? `${length(points).toFixed(1)} mm, ${steps.toLocaleString("en")} steps, ${mesh}.` : "";
+}
+
+const numbers = (list) => Array.isArray(list) && list.length === 3 && list.every(Number.isFinite);
+
+/** Whether a region that is being typed can be drawn already. */
+function complete({ kind = "box", ...region }) {
+  if (kind === "sphere") return numbers(region.centre_mm) && Number.isFinite(region.radius_mm);
+  if (kind === "plane") return numbers(region.point_mm) && numbers(region.normal);
+  return numbers(region.min_mm) && numbers(region.max_mm);
 }
 
 const PAUSE_MS = 500; // after the last change before the service is asked
@@ -168,25 +204,37 @@ function ask() {
 
 let sending = false;
 
-document.getElementById("preset").addEventListener("change", ({ target }) => {
-  fill(target.value === "@given" ? given : { ...(presets[target.value] ?? {}) });
+preset.addEventListener("change", async () => {
+  const wanted = preset.value, { text } = preset.selectedOptions[0];
+  if (typed && !(await confirmed(`Replace what you entered by ${text.split(":")[0]}?`))) preset.value = chosen;
+  else startFrom(wanted);
 });
-document.getElementById("reset").addEventListener("click", () => {
-  document.getElementById("preset").value = "";
-  fill({});
-  quiet();
+document.getElementById("reset").addEventListener("click", () => { startFrom(""); quiet(); });
+form.addEventListener("input", ({ target }) => {
+  if (target === preset) return;
+  typed = true;
+  update();
 });
-form.addEventListener("input", (event) => { if (event.target.id !== "preset") update(); });
-form.addEventListener("submit", async (event) => {
-  event.preventDefault();
+submits(form, async () => {
   const button = form.querySelector("button[type=submit]");
   button.disabled = true;
   sending = true;
   quiet();
   const answer = await send(at("/api/v1/jobs"), { body: body() });
-  if (answer.ok) { location.assign(at(`/jobs/${answer.data.id}`)); return; }
-  button.disabled = sending = false;
+  sending = false;
+  if (answer.ok) {
+    typed = false;
+    keep();
+    location.assign(at(`/jobs/${answer.data.id}`));
+    return;
+  }
+  button.disabled = false;
   mark(form, answer, "data-path", "@");
 });
 
-fill(given ?? {});
+const draft = kept();
+if (draft) {
+  preset.value = chosen = draft.chosen;
+  typed = true;
+  fill(draft);
+} else fill({ scenario: given ?? {} });

@@ -8,7 +8,7 @@ import httpx2
 import pytest
 
 from service.client.client import CannotWriteError, Client, ServiceError, UnreachableError
-from service.client.connection import part
+from service.client.connection import LONGER, TRIES, part
 from simcore.errors import ScenarioError
 
 if TYPE_CHECKING:
@@ -68,6 +68,46 @@ def test_a_download_into_no_folder_says_which(tmp_path: Path) -> None:
     with pytest.raises(CannotWriteError, match="cannot be written: No such file or directory"):
         client.recording("a", tmp_path / "nothing" / "a.rrd")
     assert client.recording("a", tmp_path / "a.rrd").read_bytes() == b"0123"
+
+
+def client_of_a_busy_service(late: int, answer: httpx2.Response) -> tuple[Client, list[httpx2.Request]]:
+    """The first `late` answers do not come in time."""
+    asked: list[httpx2.Request] = []
+
+    def reply(request: httpx2.Request) -> httpx2.Response:
+        asked.append(request)
+        if len(asked) <= late:
+            raise httpx2.ReadTimeout("timed out", request=request)
+        return answer
+
+    client = Client(URL, timeout_s=2.0)
+    client._http = httpx2.Client(base_url=URL, transport=httpx2.MockTransport(reply))
+    return client, asked
+
+
+def waited_s(request: httpx2.Request) -> float:
+    return float(request.extensions["timeout"]["read"])
+
+
+def test_a_read_is_asked_again_when_no_answer_comes_in_time() -> None:
+    client, asked = client_of_a_busy_service(TRIES - 1, httpx2.Response(200, json={"items": []}))
+    assert client.history("a") == []
+    assert [(request.method, waited_s(request)) for request in asked] == [("GET", 2.0)] * TRIES
+
+
+def test_a_submission_is_sent_again_as_the_same_one() -> None:
+    client, asked = client_of_a_busy_service(2, httpx2.Response(422, json={"detail": "no", "errors": []}))
+    with pytest.raises(ServiceError, match="no"):
+        client.submit("demo")
+    keys = {request.headers["Idempotency-Key"] for request in asked}
+    assert (len(asked), len(keys)) == (3, 1)
+
+
+def test_what_may_not_be_repeated_is_waited_for_longer_and_once() -> None:
+    client, asked = client_of_a_busy_service(1, httpx2.Response(204))
+    with pytest.raises(UnreachableError, match=r"does not answer, within 20 s: is the machine very busy\?"):
+        client.delete("a")
+    assert [waited_s(request) for request in asked] == [2.0 * LONGER]
 
 
 def test_lists_are_fetched_to_their_end() -> None:

@@ -92,7 +92,7 @@ def test_files_are_for_their_account_and_so_is_a_service_without_keys(tmp_path: 
     data = tmp_path / "data"
     data.mkdir(mode=0o755)
     with running_server(data, workers=1) as server:
-        job = server.client.submit({"name": "ok"})
+        job = server.client.submit({"name": "quick"})
         server.client.wait(job.id)
         connection = http.client.HTTPConnection(urlsplit(server.url).netloc, timeout=30)  # as curl or a browser
         connection.request("GET", JOBS)

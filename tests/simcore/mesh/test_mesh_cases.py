@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import base64
+import codecs
 import contextlib
 import random
 import struct
@@ -62,6 +63,14 @@ def test_an_abaqus_file_gives_the_same_box_and_its_sets(name: str, held: str, co
     np.testing.assert_array_equal(read.points, UNION.points)
     assert {tuple(t) for t in np.sort(read.tets)} == {tuple(t) for t in np.sort(UNION.tets)}
     assert len(read.sets[held]) == count
+
+
+@pytest.mark.parametrize("name", ["nset_union.inp", "box_groups_saveall.msh", "sphere_v1.0_asc.msh"])
+def test_a_byte_order_mark_before_the_text_means_nothing(name: str) -> None:
+    data = (FILES / name).read_bytes()
+    plain, marked = (read_body(start + data, Path(name).suffix, None, None) for start in (b"", codecs.BOM_UTF8))
+    np.testing.assert_array_equal(marked.points, plain.points)
+    assert marked.names == plain.names
 
 
 def test_sets_that_add_up_are_the_same_nodes() -> None:

@@ -181,7 +181,7 @@ def test_another_process_gives_the_same_digest(plain: Rollout) -> None:
     verify_same("another process, two threads asked for", [digest_elsewhere(short(), **threads)], plain.digest)
 
 
-@pytest.mark.slow
+@pytest.mark.long  # compiles every kernel, as `test_another_processor_gives_the_same_digests` does
 def test_a_cold_cache_gives_the_same_digest(plain: Rollout, tmp_path: Path) -> None:
     cold = digest_elsewhere(short(), NUMBA_CACHE_DIR=str(tmp_path))
     assert any(tmp_path.rglob("*.nbc"))
