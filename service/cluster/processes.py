@@ -38,6 +38,7 @@ _CLOSE_S = 5.0
 _SIGN_ON_S = 300  # on a machine that has much else to do
 _CONFIGURATION = {
     "distributed.scheduler.work-stealing": False,
+    "distributed.scheduler.worker-saturation": 1.0,  # what is queued waits at the scheduler, behind nobody
     "distributed.scheduler.worker-ttl": "10 minutes",  # compiling the kernels holds a worker's heartbeat up
     "distributed.worker.profile.enabled": False,
     "distributed.worker.memory.spill": False,

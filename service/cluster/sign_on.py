@@ -21,7 +21,6 @@ if TYPE_CHECKING:
 TOPIC = "needlebench-refused"
 CLUSTER = "cluster.json"  # beside a scheduler's file: whom the cluster takes
 _FAILURES = 1_000_000  # Dask counts a death against every task that a worker held (distributed#5234); we count our own
-_AT_ONCE = 1.0  # tasks a worker holds for each of its threads: none waits there behind another
 
 
 class RefusedError(NeedlebenchError):
@@ -63,7 +62,6 @@ async def prepare_scheduler(wanted: Identity, dask_scheduler: Scheduler | None =
     """
     assert dask_scheduler is not None, "Dask hands it in"
     dask_scheduler.allowed_failures = _FAILURES
-    dask_scheduler.WORKER_SATURATION = _AT_ONCE
     if (stealing := dask_scheduler.extensions.get("stealing")) is not None:
         await stealing.stop()
     known: Identity = dask_scheduler.__dict__.setdefault("needlebench_identity", dict(wanted))
