@@ -154,7 +154,7 @@ class _Worker(Worker):
 
     reason = ""
 
-    async def close(  # type: ignore[override]  (as Dask's own is one)
+    async def close(  # type: ignore[override]  # as Dask's own is one
         self, timeout: float = 30, executor_wait: bool = True, nanny: bool = True, reason: str = "scheduler-close"
     ) -> str | None:
         """As Dask does; without a reason it is the scheduler that asks for it."""
@@ -221,7 +221,7 @@ async def _until_over(worker: _Worker, stop: asyncio.Event, end_s: float | None)
             return worker.reason
         with suppress(TimeoutError):
             await asyncio.wait_for(stop.wait(), _LOOK_S)
-    await worker.finished()
+    await worker.finished()  # type: ignore[no-untyped-call]
     return worker.reason
 
 
