@@ -37,8 +37,12 @@ from service.version import installed_version
 from service.web import api_page, assets, login, side_by_side, site, viewer
 from service.web import campaigns as campaign_pages
 from service.web import jobs as job_pages
+from service.web import keys as key_pages
 from service.web import models as model_pages
 from service.web import schedules as schedule_pages
+from service.web import service as service_pages
+from service.web import suites as suite_pages
+from service.web import uploads as upload_pages
 
 if TYPE_CHECKING:
     from collections.abc import AsyncIterator
@@ -49,7 +53,10 @@ DESCRIPTION = """Robotic needle insertions in deforming tissue, as jobs: submit 
 metrics, series and recording. Every error is `application/problem+json` (RFC 9457)."""
 
 ROUTES = (jobs, job_edits, events, results, campaigns, schedules, models, uploads, keys, system, operations)
-PAGES = (login, job_pages, side_by_side, api_page, campaign_pages, schedule_pages, model_pages, viewer, assets)
+PAGES = (
+    *(login, job_pages, side_by_side, api_page, campaign_pages, suite_pages, schedule_pages, model_pages),
+    *(upload_pages, service_pages, key_pages, viewer, assets),
+)
 
 
 def create_app(service: Service) -> FastAPI:

@@ -52,6 +52,7 @@ _COMMANDS = {  # name -> (module, what it does); the order is that of the help
     "doctor": ("operations", "Check this installation: versions, cache, disk, port, viewer, data folder."),
     "key": ("keys", "Create, list and revoke the API keys of a data folder."),
     "campaign": ("campaigns", "Run suites and parameter grids, compare them, show their trend."),
+    "cluster": ("cluster.commands", "Start the processes of a cluster, or write the scripts for Slurm."),
     "schedule": ("schedules", "Run campaigns at set times."),
     "bench": ("bench", "Measure speed and convergence, or compare two measurements."),
 }
