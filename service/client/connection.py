@@ -102,7 +102,7 @@ class Connection:
         """Raises ServiceError and UnreachableError. On a machine that has much else to do an answer may take long: what
         changes nothing, or is the same when repeated, is asked again; for all else it is waited longer."""
         repeatable = method in ("GET", "HEAD") or "Idempotency-Key" in (options.get("headers") or {})
-        patience_s = self.timeout_s * (1 if repeatable else LONGER)
+        patience_s: float = options.pop("timeout", self.timeout_s * (1 if repeatable else LONGER))
         for left in reversed(range(TRIES if repeatable else 1)):
             try:
                 timeout = httpx2.Timeout(patience_s, connect=CONNECT_S)

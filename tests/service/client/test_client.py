@@ -125,3 +125,11 @@ def test_lists_are_fetched_to_their_end() -> None:
     client._http = httpx2.Client(base_url=URL, transport=httpx2.MockTransport(reply))
     assert [upload.id for upload in client.uploads()] == ["a.npy", "a.npy"]
     assert asked == ["limit=1000", "limit=1000&cursor=7"]
+
+
+def test_an_upload_is_sent_and_waited_for_longer(tmp_path: Path) -> None:
+    client, asked = client_that_gets(httpx2.Response(201, json={**UPLOAD, "content": {}}))
+    file = tmp_path / "a.npy"
+    file.write_bytes(b"abc")
+    assert client.upload(file).id == "a.npy"
+    assert asked[0].extensions["timeout"]["read"] == 300.0
