@@ -28,7 +28,6 @@ from service.store.job import (
     JobPinnedError,
     Outcome,
 )
-from service.store.job_notes import JobNotes
 from service.store.job_queries import (
     BEAT,
     BRIEF,
@@ -41,7 +40,7 @@ from service.store.job_queries import (
     read,
     to_job,
 )
-from service.store.transitions import attempt_key, end_data
+from service.store.transitions import JobNotes, attempt_key, end_data
 from service.store.turns import lane_of
 from service.store.upload_references import check_uploads, missing
 

@@ -1,10 +1,13 @@
-"""The steps that a job takes, each within a transaction of the caller's."""
+"""The steps that a job takes, each within a transaction of the caller's; what people say about it."""
 
 from __future__ import annotations
 
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
+from sqlalchemy import update
+
+from service.store.errors import VersionChangedError
 from service.store.job import LEGAL, IllegalTransitionError, Job, Outcome, outcome_of
 from service.store.job_lists import JobLists
 from service.store.job_queries import (
@@ -15,6 +18,7 @@ from service.store.job_queries import (
     EVENT,
     FILE_FIELDS,
     HIGHEST,
+    JOB,
     LANES,
     MOVE,
     read,
@@ -82,6 +86,46 @@ class Transitions(JobLists):
 
     def _entry(self, job: Job, kind: str, data: dict[str, Any] | None = None) -> dict[str, Any]:
         return {"job_id": job.id, "at": self._now(), "kind": kind, "attempt": job.attempt, "data": data}
+
+
+class JobNotes(Transitions):
+    """Changes of what is said about a job."""
+
+    def edit(self, job_id: str, values: dict[str, Any], *, version: int | None = None) -> Job:
+        """Give a job another name, other tags, another note; values: those of the three that are given.
+
+        version: that which the change is based on, None = any. Raises VersionChangedError when it has another by now,
+        UnknownJobError.
+        """
+        with self._write() as connection:
+            job = read(connection, job_id)
+            if version is not None and version != job.version:
+                raise VersionChangedError(f"job {job_id} was changed meanwhile: it has version {job.version}")
+            changed = {name: value for name, value in values.items() if value != getattr(job, name)}
+            if not changed:
+                return job
+            job = self._say(connection, job, changed, "edited", {"fields": ", ".join(sorted(changed))})
+        self.notify(job_id)
+        return job
+
+    def pin(self, job_id: str, *, pinned: bool) -> Job:
+        """Keep a job out of every retention, or no longer. Idempotent."""
+        with self._write() as connection:
+            job = read(connection, job_id)
+            if job.pinned == pinned:
+                return job
+            job = self._say(connection, job, {"pinned": pinned}, "pinned" if pinned else "unpinned")
+        self.notify(job_id)
+        return job
+
+    def _say(
+        self, connection: Connection, job: Job, values: dict[str, Any], kind: str, data: dict[str, Any] | None = None
+    ) -> Job:
+        """The job with these values; logged as an event of this kind."""
+        newer = {**values, "version": JOB.c.version + 1}
+        connection.execute(update(JOB).where(JOB.c.id == job.id).values(**newer))
+        self._log(connection, job, kind, data)
+        return read(connection, job.id)
 
 
 def end_data(done: Job) -> dict[str, Any] | None:
