@@ -101,7 +101,7 @@ def origin_of(plan: StagedPlan, outcomes: Sequence[Outcome], *, wall_s: float, w
 
 def _print_plan(plan: StagedPlan, workers: int, crew: Crew) -> StepCost:
     """Measure what a step costs, print the plan; the cost."""
-    click.echo("measuring what a step costs (the first run on a machine compiles for one to two minutes)", err=True)
+    click.echo("measuring what a step costs (the first run on a machine compiles for about a minute)", err=True)
     cost = measured_cost(plan, crew)
     seconds = plan.seconds(cost, workers)
     steps_ms = f"{1e3 * cost.ifem_s:.1f} ms CPU a step with I-FEM, {1e3 * cost.plain_s:.1f} ms without"

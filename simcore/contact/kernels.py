@@ -14,7 +14,7 @@ import numpy as np
 from simcore.compiled import kernel
 from simcore.contact.ball import Balls, displaced
 from simcore.contact.channel import project
-from simcore.linear_algebra.entries import largest_size
+from simcore.linear_algebra.entries import add_diagonal, largest_size
 from simcore.needle.shaft import Shaft, shaft_columns, shaft_frame
 
 if TYPE_CHECKING:
@@ -262,8 +262,7 @@ def local_compliance(
                         for q in range(3):
                             value += frames[i, a, p] * world[p, q] * frames[j, b, q]
                     out[3 * i + a, 3 * j + b] = value
-    for i in range(count):
-        out[3 * i : 3 * i + 3, 3 * i : 3 * i + 3] += line[i]
+    add_diagonal(line, out)
 
 
 @kernel

@@ -36,7 +36,24 @@ def largest_size(values: Floats) -> float:
 
 @kernel
 def copy_rows(values: Floats, out: Floats) -> None:
-    """Write out (n, m) = values (n, m)."""
+    """Write the first columns of out (n, k) = values (n, m), m <= k."""
     for i in range(len(values)):
         for j in range(values.shape[1]):
             out[i, j] = values[i, j]
+
+
+@kernel
+def copy_entries(values: Floats, out: Floats) -> None:
+    """Write the first entries of out (m,) = values (n,), n <= m."""
+    for i in range(len(values)):
+        out[i] = values[i]
+
+
+@kernel
+def add_diagonal(blocks: Floats, out: Floats) -> None:
+    """Add blocks (n, k, k) to those on the diagonal of out (n k, n k)."""
+    k = blocks.shape[1]
+    for block in range(len(blocks)):
+        for i in range(k):
+            for j in range(k):
+                out[block * k + i, block * k + j] += blocks[block, i, j]
