@@ -38,10 +38,7 @@ class Blocks(NamedTuple):
 
 
 def in_blocks(tets: Ints, gradients: Floats) -> tuple[Corners, Floats]:
-    """Corners (b, 4, LANES) and gradients (b, 9, LANES) of tets (t, 4), gradients (t, 4, 3).
-
-    The last block is filled up with copies of the first tetrahedron.
-    """
+    """Corners (b, 4, LANES), gradients (b, 9, LANES) of tets (t, 4), gradients (t, 4, 3); filled up with the first."""
     corners, nine = (_blocked(rows) for rows in (tets, gradients[:, 1:].reshape(len(tets), 9)))
     return corners.astype(np.uint32), nine
 

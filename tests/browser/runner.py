@@ -64,6 +64,8 @@ def _series(seed: int, soft: float) -> dict[str, Any]:
         "insertion_force_n": 0.1 + 1.2 * along + 0.05 * np.sin(40 * along),
         "rcm_error_m": 1e-4 * np.abs(wave),
         "entry_drag_m": 5e-4 * along,
+        "shaft_m": np.stack([[0.018, 0.031, z] for z in np.linspace(-0.1, 0.03, 14)])[None],
+        "tissue_rest_m": np.array([[0.0, 0.0, 0.0], [0.036, 0.062, 0.127]]),
     }
 
 

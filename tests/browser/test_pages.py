@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+import json
 import os
 import re
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import pytest
 
@@ -79,6 +80,9 @@ def test_submit_from_the_form_and_follow_to_the_end(page: Page) -> None:
     page.locator("#plot-error", has_text="depth").wait_for()
     page.get_by_label("over time").check()
     page.locator("#plot-error", has_text="time").wait_for()
+    for part in ("path", "tip", "needle"):
+        assert page.locator(f"#still svg .{part}").count() == 2, part
+    assert "The tip ended at 18.1, 31, 30 mm." in (page.locator("#still title").text_content() or "")
 
 
 def test_progress_is_told_while_it_runs_and_cancel_ends_it(page: Page, server: Server) -> None:
@@ -321,10 +325,11 @@ def test_a_model_is_trained_from_the_page_and_steered_by(page: Page) -> None:
     page.locator("[data-field=data][aria-invalid=true]").wait_for()
     file: FilePayload = {"name": "data.npz", "mimeType": "application/octet-stream", "buffer": b"no data set"}
     page.get_by_label("Upload one").set_input_files(files=[file])
-    page.locator("#messages", has_text="cannot be used as a data set").wait_for()
+    page.locator(".field:has(#file) .problem", has_text="cannot be used as a data set").wait_for()  # beside its field
     file["buffer"] = dataset_bytes()
     page.get_by_label("Upload one").set_input_files(files=[file])
-    page.locator("#messages", has_text="80 rows of 2 insertions").wait_for()
+    page.locator(".field:has(#file)", has_text="data.npz is here").wait_for()
+    assert "80 rows, 2 insertions" in page.locator("#data option:checked").inner_text()
     page.get_by_label("Kind").select_option("linear")
     assert not page.get_by_label("Nodes").is_visible()
     page.get_by_label("Kind").select_option("elm")
@@ -396,12 +401,12 @@ def test_what_was_entered_survives_a_reload_and_is_not_replaced_unasked(page: Pa
 
 def test_the_keyboard_reaches_the_main_actions_in_order(page: Page) -> None:
     reached = []
-    for _ in range(11):
+    for _ in range(12):
         page.keyboard.press("Tab")
         reached.append(page.evaluate("document.activeElement.textContent.trim()"))
         outline = page.evaluate("getComputedStyle(document.activeElement).outlineStyle")
         assert outline != "none", reached
-    assert reached[:10] == [
+    assert reached[:11] == [
         "Skip to the content",
         "needlebench",
         "Jobs",
@@ -411,6 +416,7 @@ def test_the_keyboard_reaches_the_main_actions_in_order(page: Page) -> None:
         "Trends",
         "Compare",
         "Models",
+        "Service",
         "Submit a job",
     ]
     page.goto("/submit")
@@ -452,12 +458,12 @@ def test_long_names_make_no_page_scroll_sideways_and_wide_tables_do_so_by_keys(p
         for width in (390, 1440):
             page.set_viewport_size({"width": width, "height": 900})
             assert page.evaluate("document.documentElement.scrollWidth <= innerWidth"), (address, width)
-        page.set_viewport_size({"width": 390, "height": 900})
+        page.set_viewport_size({"width": 640, "height": 900})  # wider than where rows become cards
         table = page.locator(".table[role=region][tabindex='0']").first
         table.focus()
         for _ in range(5):
             page.keyboard.press("ArrowRight")
-        page.wait_for_function("document.activeElement.scrollLeft > 0")
+        until(lambda: page.evaluate("document.activeElement.scrollLeft > 0"))
 
 
 def test_a_service_that_is_away_is_told(browser: Browser, server: Server) -> None:
@@ -505,3 +511,42 @@ CONTRAST = """
   return found;
 }
 """
+
+
+@pytest.mark.parametrize(
+    "region",
+    [
+        {"kind": "box", "min_mm": [0, 0, 100], "max_mm": [36, 10, 127]},
+        {"kind": "sphere", "centre_mm": [18, 60, 60], "radius_mm": 12},
+        {"kind": "plane", "point_mm": [0, 0, 120], "normal": [0, 0, 1], "within_mm": 3},
+    ],
+    ids=lambda region: region["kind"],
+)
+def test_the_form_draws_the_regions_that_are_held(page: Page, region: dict[str, Any]) -> None:
+    page.goto("/submit")
+    page.locator("#drawing .held").first.wait_for(state="attached")
+    entered(page, "tissue.fixed_regions", json.dumps([region]))
+    assert page.locator("#drawing .region").count() == 2
+    assert page.locator("#drawing .held").count() == 0  # the faces of the default are held where nothing else is
+    assert "held: 1 region." in (page.locator("#drawing title").text_content() or "")
+
+
+def test_a_path_that_leaves_the_block_is_drawn_so(page: Page) -> None:
+    page.goto("/submit")
+    page.locator("#drawing .path").first.wait_for(state="attached")
+    assert page.locator("#drawing .beyond[points='']").count() == 2
+    entered(page, "trajectory.target_mm", "90")
+    assert page.locator("#drawing .beyond:not([points=''])").count() == 2
+    assert "which leaves the block" in (page.locator("#drawing title").text_content() or "")
+
+
+def entered(page: Page, path: str, text: str) -> None:
+    """Type into the first input of a field, whether its part of the form is open or not."""
+    page.locator(f'[data-path="{path}"]').evaluate(
+        """(field, text) => {
+            const control = field.querySelector("input, textarea");
+            control.value = text;
+            control.dispatchEvent(new Event("input", { bubbles: true }));
+        }""",
+        text,
+    )

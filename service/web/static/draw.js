@@ -2,6 +2,7 @@
 
 const SVG = "http://www.w3.org/2000/svg";
 const NEEDLE_MM = 24; // how much of the needle is drawn in front of the entry
+const NEAR_MM = 0.01; // outside the block by less is on its surface
 
 function node(name, attributes, text) {
   const element = document.createElementNS(SVG, name);
@@ -81,8 +82,11 @@ export function length(points) {
   return points.slice(1).reduce((sum, point, i) => sum + Math.hypot(...point.map((v, axis) => v - points[i][axis])), 0);
 }
 
-/** Put the drawing into an element. faces: names of the held ones. */
-export function drawing(element, { size, points, faces, mesh }) {
+/**
+ * Put the drawing into an element. origin, size: of the body's box; points: the path; faces, regions: what is held;
+ * tip, shaft: the way of the tip and the needle at the end, where there are any. All in mm.
+ */
+export function drawing(element, { origin = [0, 0, 0], size, points, faces, regions = [], mesh, tip, shaft }) {
   const [x, y, z] = size;
   const width = 340, margin = 12, caption = 20;
   const scale = Math.min((width - 2 * margin) / (z + NEEDLE_MM), 150 / y, 150 / x);
@@ -93,22 +97,64 @@ export function drawing(element, { size, points, faces, mesh }) {
   ];
   const height = views.reduce((sum, view) => sum + caption + view.high * scale + margin, 0);
   const root = node("svg", { viewBox: `0 0 ${width} ${Math.ceil(height)}`, role: "img" });
-  const round = (point) => point.map((v) => Math.round(v * 10) / 10).join(", ");
-  const held = faces.length ? `held: ${faces.join(", ")}` : "no face is held";
-  const block = `Block of ${size.join(" by ")} mm${mesh ? ", the box around the mesh" : ""}`;
-  root.append(node("title", {}, `${block}; path from ${round(points[0])} to ${round(points.at(-1))} mm; ${held}.`));
+  const beyond = mesh ? [] : points.filter((point) => point.some((v, i) => v < origin[i] - NEAR_MM || v > origin[i] + size[i] + NEAR_MM));
+  root.append(node("title", {}, sentence({ size, points, faces, regions, mesh, tip, beyond })));
   let top = 0;
   for (const view of views) {
     top += caption;
-    const flat = (point) => [left + point[2] * scale, top + point[view.axis] * scale];
+    const start = top;
+    const flat = (point) => [left + (point[2] - origin[2]) * scale, start + (point[view.axis] - origin[view.axis]) * scale];
+    const window = { x: left, y: top, width: z * scale, height: view.high * scale };
     root.append(node("text", { x: left, y: top - 7 }, view.text));
-    root.append(node("rect", { class: "block", x: left, y: top, width: z * scale, height: view.high * scale }));
+    root.append(node("rect", { class: "block", ...window }));
+    inRegions(root, regions, window, { flat, scale, axis: view.axis });
     hold(root, faces, view.edges, { left, top, scale });
-    needle(root, points, flat);
+    if (shaft) way(root, shaft.filter((point) => flat(point)[0] >= 0), flat, "needle");
+    else needle(root, points, flat);
     trace(root, points, flat);
+    way(root, beyond, flat, "beyond");
+    if (tip) way(root, tip, flat, "tip");
     top += view.high * scale + margin;
   }
   element.replaceChildren(root);
+}
+
+function sentence({ size, points, faces, regions, mesh, tip, beyond }) {
+  const round = (point) => point.map((v) => Math.round(v * 10) / 10).join(", ");
+  const parts = [...faces, ...(regions.length ? [`${regions.length} ${regions.length === 1 ? "region" : "regions"}`] : [])];
+  const held = parts.length ? `held: ${parts.join(", ")}` : "no face is held";
+  const block = `Block of ${size.map((v) => Math.round(v * 10) / 10).join(" by ")} mm${mesh ? ", the box around the mesh" : ""}`;
+  const end = tip ? ` The tip ended at ${round(tip.at(-1))} mm.` : "";
+  const leaves = beyond.length ? ", which leaves the block" : "";
+  return `${block}; path from ${round(points[0])} to ${round(points.at(-1))} mm${leaves}; ${held}.${end}`;
+}
+
+let clips = 0; // a region is drawn inside the block alone
+
+function inRegions(root, regions, window, view) {
+  if (!regions.length) return;
+  clips += 1;
+  const clip = node("clipPath", { id: `block-${clips}` }), group = node("g", { "clip-path": `url(#block-${clips})` });
+  clip.append(node("rect", window));
+  for (const region of regions) { const shape = regionShape(region, window, view); if (shape) group.append(shape); }
+  root.append(clip, group);
+}
+
+/** A box, a ball, or the strip of a plane that is seen from its edge; a plane seen askew has no outline of its own. */
+function regionShape(region, window, { flat, scale, axis }) {
+  if (region.kind === "sphere") {
+    const [cx, cy] = flat(region.centre_mm);
+    return node("circle", { class: "region", cx, cy, r: region.radius_mm * scale });
+  }
+  if (region.kind === "plane") {
+    const across = [region.normal[2], region.normal[axis]], size = Math.hypot(...region.normal), seen = Math.hypot(...across);
+    if (!(seen > 0.99 * size)) return null;
+    const [cx, cy] = flat(region.point_mm), thick = Math.max(2 * (region.within_mm ?? 0.5) * scale, 3);
+    const long = 2 * (window.width + window.height), turn = (Math.atan2(across[1], across[0]) * 180) / Math.PI;
+    return node("rect", { class: "region", x: cx - thick / 2, y: cy - long / 2, width: thick, height: long, transform: `rotate(${turn} ${cx} ${cy})` });
+  }
+  const [x1, y1] = flat(region.min_mm), [x2, y2] = flat(region.max_mm);
+  return node("rect", { class: "region", x: x1, y: y1, width: Math.max(0, x2 - x1), height: Math.max(0, y2 - y1) });
 }
 
 function needle(root, points, flat) {
@@ -126,8 +172,12 @@ function hold(root, faces, edges, { left, top, scale }) {
   }
 }
 
+function way(root, points, flat, kind) {
+  root.append(node("polyline", { class: kind, points: points.map((point) => flat(point).map((v) => v.toFixed(1)).join(",")).join(" ") }));
+}
+
 function trace(root, points, flat) {
-  root.append(node("polyline", { class: "path", points: points.map((point) => flat(point).map((v) => v.toFixed(1)).join(",")).join(" ") }));
+  way(root, points, flat, "path");
   const [ex, ey] = flat(points[0]), [tx, ty] = flat(points.at(-1));
   root.append(node("circle", { class: "entry", cx: ex, cy: ey, r: 3.5 }));
   root.append(node("circle", { class: "target", cx: tx, cy: ty, r: 4 }));

@@ -1,6 +1,7 @@
 // One job: its progress as it arrives, its plots, its recording in the viewer.
 import { at, refuse, send } from "./app.js";
 import { figure, follow, millimetres, newtons, refresh, span } from "./live.js";
+import { drawing } from "./draw.js";
 import { draw } from "./plots.js";
 
 const job = () => document.getElementById("job");
@@ -133,7 +134,16 @@ function deepening(depths) {
   return indices;
 }
 
+/** The still picture of an insertion that has ended. */
+function picture() {
+  const place = document.getElementById("still");
+  if (!place || place.firstChild) return;
+  const { path, ...rest } = JSON.parse(place.dataset.still);
+  drawing(place, { ...rest, points: path });
+}
+
 function settle() {
+  picture();
   const { state, terminal, plotted, plotAtOnce, recorded } = job().dataset;
   if (terminal === "true") document.getElementById("plots").hidden = plotted !== "true" && !path.depth.length; // what ended early keeps its plots
   if (state === "queued") { forget(); document.getElementById("plots").hidden = true; }

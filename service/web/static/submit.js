@@ -1,6 +1,7 @@
 // The form of a scenario: changed fields become JSON; a drawing and an estimate follow.
 import { at, confirmed, mark, quiet, send, submits, unmark } from "./app.js";
 import { curve, drawing, length } from "./draw.js";
+import { takeFiles } from "./drop.js";
 import { span } from "./live.js";
 
 const form = document.getElementById("scenario");
@@ -10,7 +11,7 @@ const preset = document.getElementById("preset");
 const fields = [...form.querySelectorAll("[data-path]")];
 const MOST_SHOWN = 4000; // characters of the JSON that are shown
 
-const inputs = (field) => [...field.querySelectorAll("input, select, textarea")];
+const inputs = (field) => [...field.querySelectorAll("input:not([type=file]), select, textarea")];
 const same = (a, b) => JSON.stringify(a) === JSON.stringify(b);
 const sorted = (list) => [...(list ?? [])].sort();
 
@@ -159,15 +160,25 @@ function picture() {
   if (kind === "arc") Object.assign(path, { radius: now("trajectory.radius_mm"), direction: now("trajectory.direction") });
   if (sine) Object.assign(path, { amplitude: now("trajectory.amplitude_mm"), periods: now("trajectory.periods"), direction: now("trajectory.direction") });
   const points = curve(path);
-  const named = ["tissue.fixed_sets", "tissue.fixed_regions"].some((path) => (now(path) ?? []).length > 0);
+  const regions = [now("tissue.fixed_regions") ?? []].flat().filter((one) => one && typeof one === "object");
+  const named = (now("tissue.fixed_sets") ?? []).length > 0 || regions.length > 0;
   const faces = now("tissue.fixed_faces") ?? (named ? [] : ["y_min", "y_max"]);
-  drawing(document.getElementById("drawing"), { size, points, faces, mesh: now("tissue.mesh_file") });
+  drawing(document.getElementById("drawing"), { size, points, faces, regions: regions.filter(complete), mesh: now("tissue.mesh_file") });
   const poses = now("controller.poses");
   const time = kind === "reach" ? now("trajectory.time_s") : length(points) / now("trajectory.speed_mm_s");
   const steps = Array.isArray(poses) ? poses.length : Math.ceil(time / now("dt_s") - 1e-9);
   const cells = size.map((v) => Math.max(1, Math.round(v / now("tissue.element_size_mm")))).reduce((a, b) => a * b, 1);
   const mesh = now("tissue.mesh_file") ? "a mesh from a file" : `${cells.toLocaleString("en")} cells`;
   document.getElementById("length").textContent = Number.isFinite(steps) ? `${length(points).toFixed(1)} mm, ${steps.toLocaleString("en")} steps, ${mesh}.` : "";
+}
+
+const numbers = (list) => Array.isArray(list) && list.length === 3 && list.every(Number.isFinite);
+
+/** Whether a region that is being typed can be drawn already. */
+function complete({ kind = "box", ...region }) {
+  if (kind === "sphere") return numbers(region.centre_mm) && Number.isFinite(region.radius_mm);
+  if (kind === "plane") return numbers(region.point_mm) && numbers(region.normal);
+  return numbers(region.min_mm) && numbers(region.max_mm);
 }
 
 const PAUSE_MS = 500; // after the last change before the service is asked
@@ -222,6 +233,14 @@ submits(form, async () => {
   mark(form, answer, "data-path", "@");
 });
 
+for (const input of form.querySelectorAll("input[data-send]")) {
+  const field = input.closest("[data-path]");
+  field.classList.add("drop");
+  takeFiles(field, input, {
+    kind: () => input.dataset.send,
+    sent: ({ reference }) => { put(field, reference); typed = true; update(); },
+  });
+}
 const draft = kept();
 if (draft) {
   preset.value = chosen = draft.chosen;
