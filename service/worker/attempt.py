@@ -239,4 +239,4 @@ def warm_up() -> None:
     import service.recording.observer  # noqa: F401  (imports Rerun)
     from simcore.rollout.rollout import compile_kernels
 
-    compile_kernels(exact=False)
+    compile_kernels(exact=False, linearised=False)

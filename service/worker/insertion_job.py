@@ -74,4 +74,4 @@ def warm_up() -> None:
     """Compile the kernels that nearly every insertion needs, or load them from the cache."""
     from simcore.rollout.rollout import compile_kernels
 
-    compile_kernels(exact=False)
+    compile_kernels(exact=False, linearised=False)

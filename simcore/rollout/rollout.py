@@ -29,25 +29,27 @@ Clock = Callable[[], float]
 INTERRUPTED = "interrupted"  # what a controller is told of a run that something else has ended
 
 
-def compile_kernels(*, exact: bool = True) -> None:
+def compile_kernels(*, exact: bool = True, linearised: bool = True) -> None:
     """Run eight steps of a tiny insertion (contact, puncture, cutting, steering), once in a process: compiles every
     kernel, or loads it from the cache, so that compilation is in no measured time. exact: also with the exact
-    Jacobian, whose kernels no other run needs."""
-    _run_tiny("fast")
+    Jacobian, linearised: also with linearised steps; no other run needs the kernels of these."""
+    _run_tiny("fast", "converged")
     if exact:
-        _run_tiny("exact")
+        _run_tiny("exact", "converged")
+    if linearised:
+        _run_tiny("fast", "linearised")
 
 
 @cache
-def _run_tiny(derivative: str) -> None:
+def _run_tiny(derivative: str, mode: str) -> None:
     small = {
         "name": "warm-up",
         "tissue": {"size_mm": [24, 24, 30], "element_size_mm": 10, "rayleigh_stiffness_s": 0.001, "density_kg_m3": 1},
         "needle": {"length_mm": 60, "elements": 3},
         "trajectory": {"kind": "line", "entry_mm": [12, 12, 0], "target_mm": [12, 12, 4], "speed_mm_s": 50},
     }
-    scenario = Scenario.load({**small, "controller": {"kind": "ifem", "derivative": derivative}})
-    _Loop(scenario, Silent(), time.perf_counter).run()
+    steering = {"controller": {"kind": "ifem", "derivative": derivative}, "solver": {"mode": mode}}
+    _Loop(Scenario.load({**small, **steering}), Silent(), time.perf_counter).run()
 
 
 def run(
@@ -66,7 +68,8 @@ def run(
     """
     chosen = scenario if isinstance(scenario, Scenario) else Scenario.load(scenario)
     with threadpool_limits(1):
-        compile_kernels(exact=needs_tissue(chosen.controller))
+        linearised = chosen.solver.mode == "linearised"
+        compile_kernels(exact=needs_tissue(chosen.controller), linearised=linearised)
         return _Loop(chosen, observer or Silent(), clock).run()
 
 
