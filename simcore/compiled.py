@@ -52,10 +52,12 @@ if "NUMBA_CACHE_DIR" not in os.environ:
 import numba  # noqa: E402  (the cache folder must be known first)
 import numba.extending  # noqa: E402
 
+from simcore.machine_code import Kernel  # noqa: E402
+
 
 def kernel(function: Function) -> Function:
     """Compile on first call, cache on disk, divide like numpy. No fast-math: sums keep their order."""
-    return cast("Function", numba.njit(cache=True, error_model="numpy")(function))
+    return cast("Function", Kernel(function))
 
 
 def resolved_by_type(stub: Callable[..., object]) -> Callable[[Function], Function]:

@@ -19,9 +19,7 @@ Show = Callable[[JobStatus], None]
 def follow(client: Client, job: JobStatus) -> JobStatus:
     """Show the job until it has ended; the job then."""
     if client.ready()["workers_ready"] == 0:
-        click.echo(
-            "the workers are starting; the first time on a machine they compile for one to two minutes", err=True
-        )
+        click.echo("the workers are starting; the first time on a machine they compile for about a minute", err=True)
     with _bar() if sys.stderr.isatty() else _lines() as show:
         return client.wait(job.id, progress=show)
 

@@ -103,7 +103,7 @@ def origin_of(plan: StagedPlan, outcomes: Sequence[Outcome], *, wall_s: float, w
 
 def _print_plan(plan: StagedPlan, crew: CaseRunner) -> StepCost:
     """Measure what a step costs, print the plan; the cost."""
-    click.echo("measuring what a step costs (the first run on a machine compiles for one to two minutes)", err=True)
+    click.echo("measuring what a step costs (the first run on a machine compiles for about a minute)", err=True)
     cost = measured_cost(plan, crew)
     workers = max(1, crew.slots)
     seconds = plan.seconds(cost, workers)

@@ -89,11 +89,11 @@ def _kernels() -> Check:
     folder = Path(os.environ["NUMBA_CACHE_DIR"])
     if folder.is_relative_to(tempfile.gettempdir()) and folder.name.startswith("needlebench-kernels-"):
         advice = (
-            "every start compiles for one to two minutes: make the user's cache folder writable, or set NUMBA_CACHE_DIR"
+            "every start compiles for about a minute: make the user's cache folder writable, or set NUMBA_CACHE_DIR"
         )
         return Check(name="kernel cache", level="warn", found="no cache folder is writable", advice=advice)
     if next(folder.rglob("*.nbi"), None) is None:
-        advice = "the first run compiles for one to two minutes"
+        advice = "the first run compiles for about a minute"
         return Check(name="kernel cache", level="warn", found=f"{folder} is empty", advice=advice)
     return Check(name="kernel cache", level="ok", found=f"{folder} is warm")
 

@@ -124,7 +124,7 @@ def _waiting_reason(service: Service, job: Job) -> str:
     if engine.draining:
         return "The service is shutting down; the job will start after its next start."
     if engine.ready == 0:
-        return "The workers are starting. Their first start compiles the simulation, which takes one to two minutes."
+        return "The workers are starting. Their first start compiles the simulation, which takes about a minute."
     ahead = service.store.before(job)
     if ahead == 0:
         return "It is the next one to start."

@@ -235,8 +235,8 @@ def peak_rss_mb() -> float | None:
 
 
 def warm_up() -> None:
-    """Import all that a job needs and compile every kernel, or load it from the cache."""
+    """Import all that a job needs and compile the kernels that nearly every job needs, or load them from the cache."""
     import service.recording.observer  # noqa: F401  (imports Rerun)
     from simcore.rollout.rollout import compile_kernels
 
-    compile_kernels()
+    compile_kernels(exact=False, linearised=False)

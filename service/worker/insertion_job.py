@@ -71,7 +71,7 @@ def _single(array: NDArray[Any]) -> NDArray[Any]:
 
 
 def warm_up() -> None:
-    """Compile every kernel, or load it from the cache."""
+    """Compile the kernels that nearly every insertion needs, or load them from the cache."""
     from simcore.rollout.rollout import compile_kernels
 
-    compile_kernels()
+    compile_kernels(exact=False, linearised=False)

@@ -14,6 +14,7 @@ import numpy as np
 from simcore.compiled import kernel
 from simcore.contact.ball import BallRule, displaced, fill_ball
 from simcore.contact.channel import Channel, ChannelModel, Phase, project
+from simcore.linear_algebra.entries import largest_size
 from simcore.linear_algebra.products import dot, norm
 from simcore.needle.shaft import shaft_frame
 
@@ -77,7 +78,7 @@ def material_point(
     displaced(rest, nodes, weights, count, x, x_rest, miss)
     miss -= target
     for _ in range(50):
-        if np.abs(miss).max() < POINT_TOLERANCE_M:
+        if largest_size(miss) < POINT_TOLERANCE_M:
             break
         for i in range(3):
             move[i] = -(inverse[i, 0] * miss[0] + inverse[i, 1] * miss[1] + inverse[i, 2] * miss[2])

@@ -14,6 +14,7 @@ import numpy as np
 from simcore.compiled import kernel
 from simcore.contact.ball import Balls, displaced
 from simcore.contact.channel import project
+from simcore.linear_algebra.entries import add_diagonal, largest_size
 from simcore.needle.shaft import Shaft, shaft_columns, shaft_frame
 
 if TYPE_CHECKING:
@@ -168,7 +169,7 @@ def add_needle_forces(elements: Ints, balls: Balls, force: Floats, unknown: Ints
             if rank >= 0:
                 for a in range(3):
                     out[3 * rank + a] += weights[e, k] * force[i, a]
-    return float(np.abs(out).max())
+    return largest_size(out)
 
 
 @kernel
@@ -177,7 +178,9 @@ def needle_residual(internal_forces: Floats, beams: Ints, shares: Floats, force:
 
     shares: (a, 3, 12) gradients of the shaft points; force: (a, 3) N of the needle on the tissue.
     """
-    out[:] = -internal_forces
+    for node in range(len(out)):
+        for c in range(6):
+            out[node, c] = -internal_forces[node, c]
     for i in range(len(beams)):
         for column in range(12):
             node = beams[i] + column // 6
@@ -259,8 +262,7 @@ def local_compliance(
                         for q in range(3):
                             value += frames[i, a, p] * world[p, q] * frames[j, b, q]
                     out[3 * i + a, 3 * j + b] = value
-    for i in range(count):
-        out[3 * i : 3 * i + 3, 3 * i : 3 * i + 3] += line[i]
+    add_diagonal(line, out)
 
 
 @kernel

@@ -23,6 +23,7 @@ import numpy as np
 from simcore.compiled import kernel
 from simcore.contact.line import free_rows, lateral_size
 from simcore.linear_algebra.dense import factor_lu, solve_lu
+from simcore.linear_algebra.entries import copy_rows
 
 if TYPE_CHECKING:
     from simcore.arrays import Flags, Floats, Ints
@@ -192,8 +193,7 @@ def system_rows(
                 right[row] += w[row, j] * force[j // 3, j % 3]
         if mode[i] % 2 == 0:
             row = 3 * i + 2
-            scale = w[row, row]
-            k = mode[i] // 2
+            scale, k = w[row, row], mode[i] // 2
             matrix[row, :] = 0.0
             matrix[row, row] = scale
             right[row] = scale * (sign[i, k] * law.base_n[i] + extra[i, k])
@@ -267,7 +267,7 @@ def solve_laws(response: Response, law: Law, mode: Ints, slide: Floats, new_forc
         solve_lu(matrix, pivots, right.reshape(size, 1))
         respond(response, law.stair, right, mode, new_force, new_arc)
         settled = advance_modes(law, new_force, new_arc, around, mode, sweep >= TOGETHER_SWEEPS)
-        around[:] = new_force
+        copy_rows(new_force, around)
         if law.contact:
             before0, before1, was = slide[0], slide[1], sliding
             sliding = surface_slip(response, law.friction, new_force, slide)

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from simcore.compiled import kernel
+from simcore.linear_algebra.entries import largest_size
 from simcore.linear_algebra.singular_values import turn_columns
 
 if TYPE_CHECKING:
@@ -44,7 +45,7 @@ def add_directions(jacobian: Floats, error: Floats, largest_m: float, move: Floa
         values[i] = length_of(along[i])
     rows = (slice(0, min(TIP_ROWS, m)), slice(min(TIP_ROWS, m), m))
     taken = np.zeros(m, np.bool_)
-    first = values.max()
+    first = largest_size(values)
     for _ in range(m):
         i = largest_left(values, taken)
         taken[i] = True

@@ -64,7 +64,9 @@ def fill_points(shaft: Shaft, arcs: Floats, out: ShaftPoints) -> None:
     needle_x, needle_R, element_length = shaft
     beams, columns, slopes, levers, c, dc, ddc = out
     for i in range(len(arcs)):
-        c[i], dc[i], ddc[i], beams[i], _ = shaft_frame(needle_x, needle_R, element_length, arcs[i])
+        place, first, second, beams[i], _ = shaft_frame(needle_x, needle_R, element_length, arcs[i])
+        for k in range(3):
+            c[i, k], dc[i, k], ddc[i, k] = place[k], first[k], second[k]
         beam, weights = shaft_weights(len(needle_x) - 1, element_length, arcs[i])
         shaft_columns(needle_R, beam, weights[0], columns[i])
         shaft_columns(needle_R, beam, weights[1], slopes[i])

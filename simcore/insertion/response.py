@@ -58,7 +58,8 @@ def with_forces(base_gap: Floats, step: Floats, per_force: Floats, change: Float
     """(n + 1, 6) m, rad: moves of all nodes, step (n, 6, 1) less what the change (a, 3) N of the forces does to them by
     per_force (n, 6, 3a)."""
     moves = np.empty((len(step) + 1, 6))
-    moves[0] = base_gap
+    for c in range(6):
+        moves[0, c] = base_gap[c]
     for i in range(len(step)):
         for c in range(6):
             value = step[i, c, 0]

@@ -143,8 +143,10 @@ def correct(constants: Constants, constraints: Constraints, motion: Motion, unkn
     if a > 0 and not solve_laws(response, law, unknowns.mode, unknowns.slide, new_force, new_arc):
         return False
     change = to_world(points.frames, new_force - force)
-    unknowns.force_n[:] += change
-    points.arc[:] = new_arc
+    for i in range(a):
+        points.arc[i] = new_arc[i]
+        for c in range(3):
+            unknowns.force_n[i, c] += change[i, c]
     advance(unknowns.shaft.x, unknowns.shaft.R, with_forces(unknowns.base_gap, needle_step, per_force, change))
     unknowns.base_gap[:] = 0.0
     add_columns(elements, arrays.tissue.columns, change, tissue_step)

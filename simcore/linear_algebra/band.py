@@ -76,10 +76,12 @@ def solve_band(factor: Singles, right: Singles) -> None:
     rows, width = factor.shape
     x = np.zeros(rows + width - PANEL, np.float32)
     for r in range(len(right)):
-        x[: right.shape[1]] = right[r]
+        for i in range(right.shape[1]):
+            x[i] = right[r, i]
         sweep_down(factor, x)
         sweep_up(factor, x)
-        right[r] = x[: right.shape[1]]
+        for i in range(right.shape[1]):
+            right[r, i] = x[i]
 
 
 @kernel

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 
 from simcore.compiled import kernel
+from simcore.linear_algebra.entries import copy_entries
 from simcore.mesh.bounding_tree import LEAF, BoundingTree, squared_distance
 from simcore.mesh.edges import edge_inverses
 
@@ -85,7 +86,7 @@ def tet_around(search: TetSearch, point: Floats, guess: int, weights: Floats) ->
             least = shape_functions(search, tet, point, trial)
             if least >= best_least:
                 best, best_least = tet, least
-                weights[:] = trial
+                copy_entries(trial, weights)
                 if least >= 0.0:
                     return int(tet)
     return best
@@ -160,7 +161,7 @@ def nearest_triangle(search: TetSearch, point: Floats, weights: Floats) -> tuple
             square = nearest_on_triangle(point, search.triangles[triangle], trial)
             if square < nearest:
                 best, nearest = triangle, square
-                weights[:] = trial
+                copy_entries(trial, weights)
     return best, np.sqrt(nearest)
 
 
@@ -173,7 +174,8 @@ def locate_in_tets(search: TetSearch, point: Floats, guess: int, nodes: Ints, we
     """
     tet = tet_around(search, point, guess, weights)
     if tet >= 0:
-        nodes[:] = search.tets[tet]
+        for a in range(4):
+            nodes[a] = search.tets[tet, a]
         return tet
     triangle, _ = nearest_triangle(search, point, weights[:3])
     for a in range(3):

@@ -16,6 +16,7 @@ from simcore.episode import CommandError, Episode
 from simcore.errors import ControllerError, ModelFailureError, Status
 from simcore.rollout.recorder import Recorder
 from simcore.rollout.records import Observer, Silent, StepTiming
+from simcore.scenario.controller_rules import needs_tissue
 from simcore.scenario.scenario import Plugin, Remote, Scenario
 
 if TYPE_CHECKING:
@@ -28,19 +29,27 @@ Clock = Callable[[], float]
 INTERRUPTED = "interrupted"  # what a controller is told of a run that something else has ended
 
 
-@cache
-def compile_kernels() -> None:
+def compile_kernels(*, exact: bool = True, linearised: bool = True) -> None:
     """Run eight steps of a tiny insertion (contact, puncture, cutting, steering), once in a process: compiles every
-    kernel, or loads it from the cache, so that compilation is in no measured time."""
+    kernel, or loads it from the cache, so that compilation is in no measured time. exact: also with the exact
+    Jacobian, linearised: also with linearised steps; no other run needs the kernels of these."""
+    _run_tiny("fast", "converged")
+    if exact:
+        _run_tiny("exact", "converged")
+    if linearised:
+        _run_tiny("fast", "linearised")
+
+
+@cache
+def _run_tiny(derivative: str, mode: str) -> None:
     small = {
         "name": "warm-up",
         "tissue": {"size_mm": [24, 24, 30], "element_size_mm": 10, "rayleigh_stiffness_s": 0.001, "density_kg_m3": 1},
         "needle": {"length_mm": 60, "elements": 3},
         "trajectory": {"kind": "line", "entry_mm": [12, 12, 0], "target_mm": [12, 12, 4], "speed_mm_s": 50},
     }
-    for derivative in ("fast", "exact"):
-        scenario = Scenario.load({**small, "controller": {"kind": "ifem", "derivative": derivative}})
-        _Loop(scenario, Silent(), time.perf_counter).run()
+    steering = {"controller": {"kind": "ifem", "derivative": derivative}, "solver": {"mode": mode}}
+    _Loop(Scenario.load({**small, **steering}), Silent(), time.perf_counter).run()
 
 
 def run(
@@ -59,7 +68,8 @@ def run(
     """
     chosen = scenario if isinstance(scenario, Scenario) else Scenario.load(scenario)
     with threadpool_limits(1):
-        compile_kernels()
+        linearised = chosen.solver.mode == "linearised"
+        compile_kernels(exact=needs_tissue(chosen.controller), linearised=linearised)
         return _Loop(chosen, observer or Silent(), clock).run()
 
 

@@ -14,13 +14,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from simcore.compiled import inlined, kernel
-from simcore.tissue.model import (
-    Tetrahedra,
-    TissueModel,
-    cold_polar_rotation,
-    polar_rotation,
-    rotated_stiffness_times,
-)
+from simcore.linear_algebra.entries import all_finite
+from simcore.tissue.model import Tetrahedra, TissueModel, cold_polar_rotation, polar_rotation, rotated_stiffness_times
 
 if TYPE_CHECKING:
     from simcore.arrays import Floats, Ints
@@ -259,8 +254,8 @@ def finish_rotations(state: Floats, blocks: int, mu: float, lam: float) -> None:
             for k in range(9):
                 f[k] = state[start + k * LANES + lane]
                 r[k] = state[start + (9 + k) * LANES + lane]
-            if not (np.isfinite(r).all() and polar_rotation(f, r)):
-                if not np.isfinite(f).all():
+            if not (all_finite(r) and polar_rotation(f, r)):
+                if not all_finite(f):
                     continue
                 cold_polar_rotation(f, r)
             volume, trace = state[start + 27 * LANES + lane], -3.0

@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 
 from simcore.compiled import kernel
+from simcore.linear_algebra.entries import copy_rows
 
 if TYPE_CHECKING:
     from simcore.arrays import Floats, Ints
@@ -149,11 +150,13 @@ def tangent_times(
     inertia, beta, dt = dynamics
     count, held = moves.shape
     out, padded = np.zeros((count, held + 3)), np.zeros((count, held + 3))  # the last three: every held node
-    padded[:, :held] = moves
+    copy_rows(moves, padded)
     for node in range(len(unknown)):
         for i in range(3):
             if unknown[node] >= 0:
-                out[:, 3 * unknown[node] + i] = inertia[node] * moves[:, 3 * unknown[node] + i]
+                column = 3 * unknown[node] + i
+                for j in range(count):
+                    out[j, column] = inertia[node] * moves[j, column]
     flat, past = x.ravel(), x_old.ravel()
     n = np.empty(4, np.int64)
     for e in range(len(tets)):

@@ -412,7 +412,7 @@ def test_the_loop_has_one_thread(monkeypatch: pytest.MonkeyPatch) -> None:
         def step(self, record: StepRecord) -> None:
             seen.extend(pool["num_threads"] for pool in threadpool_info() if pool["user_api"] == "blas")
 
-    monkeypatch.setattr(module, "compile_kernels", lambda: None, raising=False)
+    monkeypatch.setattr(module, "compile_kernels", lambda **_: None, raising=False)
     run(short(), Counting())
     assert set(seen) == {1}
 
