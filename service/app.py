@@ -20,13 +20,29 @@ from service.api.middleware.request_log import RequestLog
 from service.api.ownership import check_owner
 from service.api.readiness import readings
 from service.api.root_path import RootPath
-from service.api.routes import campaigns, events, jobs, keys, models, operations, results, schedules, system, uploads
+from service.api.routes import (
+    campaigns,
+    events,
+    job_edits,
+    jobs,
+    keys,
+    models,
+    operations,
+    results,
+    schedules,
+    system,
+    uploads,
+)
 from service.version import installed_version
 from service.web import api_page, assets, login, side_by_side, site, viewer
 from service.web import campaigns as campaign_pages
 from service.web import jobs as job_pages
+from service.web import keys as key_pages
 from service.web import models as model_pages
 from service.web import schedules as schedule_pages
+from service.web import service as service_pages
+from service.web import suites as suite_pages
+from service.web import uploads as upload_pages
 
 if TYPE_CHECKING:
     from collections.abc import AsyncIterator
@@ -36,8 +52,11 @@ if TYPE_CHECKING:
 DESCRIPTION = """Robotic needle insertions in deforming tissue, as jobs: submit a scenario, follow it, fetch its
 metrics, series and recording. Every error is `application/problem+json` (RFC 9457)."""
 
-ROUTES = (jobs, events, results, campaigns, schedules, models, uploads, keys, system, operations)
-PAGES = (login, job_pages, side_by_side, api_page, campaign_pages, schedule_pages, model_pages, viewer, assets)
+ROUTES = (jobs, job_edits, events, results, campaigns, schedules, models, uploads, keys, system, operations)
+PAGES = (
+    *(login, job_pages, side_by_side, api_page, campaign_pages, suite_pages, schedule_pages, model_pages),
+    *(upload_pages, service_pages, key_pages, viewer, assets),
+)
 
 
 def create_app(service: Service) -> FastAPI:

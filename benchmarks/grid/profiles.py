@@ -53,8 +53,7 @@ def profiles(table: Sequence[Row], *, fewest_arms: int = 2) -> Profiles | None:
     """Of so many arms or more; None without cases that all of them ran."""
     names = arms(table)
     errors = {arm: _by_place(only(table, arm=arm)) for arm in names}
-    places = {place for known in errors.values() for place in known}
-    shared = sorted(places.intersection(*errors.values())) if errors else []
+    places, shared = _places(errors)
     if len(names) < fewest_arms or len(shared) < FEWEST:
         return None
     kinds = {row.place: row.group for row in table}
@@ -68,6 +67,35 @@ def profiles(table: Sequence[Row], *, fewest_arms: int = 2) -> Profiles | None:
         mine = [row for row in only(table, arm=arm) if row.place in set(shared)]
         found.append(_aggregate(arm, mine, values[arm], draws, levels))
     return Profiles(len(shared), len(places), len(strata), tuple(map(float, levels)), tuple(found))
+
+
+@dataclass(frozen=True)
+class Shares:
+    """Performance profiles alone, without intervals. share: by arm, of the cases whose RMSE is at most each level."""
+
+    cases: int
+    levels_mm: tuple[float, ...]
+    share: Mapping[str, tuple[float, ...]]
+
+
+def shares(table: Sequence[Row]) -> Shares | None:
+    """Of any number of arms; None without cases that all of them ran. Draws nothing, so it is quick."""
+    errors = {arm: _by_place(only(table, arm=arm)) for arm in arms(table)}
+    shared = _places(errors)[1]
+    if len(shared) < FEWEST:
+        return None
+    values = {arm: np.array([known[place] for place in shared]) for arm, known in errors.items()}
+    levels = _levels(values)
+    below = {arm: (mine[:, None] <= levels[None, :]).mean(axis=0) for arm, mine in values.items()}
+    return Shares(
+        len(shared), tuple(map(float, levels)), {arm: tuple(map(float, share)) for arm, share in below.items()}
+    )
+
+
+def _places(errors: Mapping[str, Mapping[str, float]]) -> tuple[set[str], list[str]]:
+    """All places, and those that every arm has."""
+    places = {place for known in errors.values() for place in known}
+    return places, sorted(places.intersection(*errors.values())) if errors else []
 
 
 def _by_place(rows: Sequence[Row]) -> dict[str, float]:

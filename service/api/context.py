@@ -19,6 +19,7 @@ from service.api.problems import HttpError
 from service.engine import retention
 from service.engine.change_notifier import Changes
 from service.engine.engine import Engine
+from service.engine.history import History, look_at
 from service.engine.housekeeper import Keeper
 from service.engine.metrics import Monitor
 from service.settings import Settings
@@ -48,6 +49,7 @@ class Service:
     campaigns: CampaignStore
     schedules: ScheduleStore
     keeper: Keeper
+    history: History
     planner: Planner
     pace: PaceMeter
     events: EventHub
@@ -64,6 +66,7 @@ class Service:
         store.listen(job_views.forget, engine.hear, changes.notify)  # in this order: who is woken reads the new state
         schedules = ScheduleStore(store, campaigns)
         planner = Planner(settings.uploads, settings.limits)
+        history = History(lambda: look_at(engine, store, settings))
         keeper = Keeper(
             campaigns,
             schedules,
@@ -71,6 +74,7 @@ class Service:
             wake=engine.wake,
             sweep=_sweep_of(settings, store, uploads),
             backup=_backup_of(settings, store),
+            watch=history.tick,
         )
         return cls(
             settings=settings,
@@ -85,6 +89,7 @@ class Service:
             campaigns=campaigns,
             schedules=schedules,
             keeper=keeper,
+            history=history,
             planner=planner,
             pace=PaceMeter(store),
             events=EventHub(store, changes),

@@ -106,9 +106,27 @@ FIELDS: dict[Column, str] = {
 }
 
 
-def sorted_cases(cases: Sequence[CampaignCase], column: Column, *, descending: bool) -> list[CaseResult]:
+@dataclass(frozen=True)
+class CaseMeasure:
+    """A number of a case: its field, the heading with its unit, decimals."""
+
+    field: str
+    heading: str
+    digits: int
+
+
+MEASURES: dict[str, CaseMeasure] = {
+    "rmse": CaseMeasure("rmse_commanded_mm", "RMSE, mm", 3),
+    "max": CaseMeasure("max_commanded_mm", "Largest error, mm", 3),
+    "final": CaseMeasure("final_commanded_mm", "Final error, mm", 3),
+    **{name: CaseMeasure(field, *BESIDE[field]) for name, field in FIELDS.items() if field in BESIDE},
+    "step": CaseMeasure("step_ms", "Plant step, ms", 2),
+}  # by the name of its column
+
+
+def sorted_cases(rows: Sequence[CaseResult], column: Column, *, descending: bool) -> list[CaseResult]:
     """The cases sorted by a column; those without a value there come last in either direction."""
-    rows, name = [CaseResult.of(case) for case in cases], FIELDS[column]
+    name = FIELDS[column]
     known = [row for row in rows if _ranks(row.value(name))]
     ordered = sorted(known, key=lambda row: row.value(name), reverse=descending)
     return ordered + [row for row in rows if not _ranks(row.value(name))]

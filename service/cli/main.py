@@ -36,6 +36,7 @@ _COMMANDS = {  # name -> (module, what it does); the order is that of the help
     "models": ("models", "List the models of a service, or train one."),
     "mesh": ("meshes", "Show what a mesh file holds: extents, quality, sets, places to enter."),
     "example": ("learning", "Print an example to start from, such as a controller of your own."),
+    "edit": ("jobs", "Change name, tags and note of a job."),
     "retry": ("jobs", "Run a failed or cancelled job of a service again."),
     "pin": ("jobs", "Keep a job when old ones are removed."),
     "unpin": ("jobs", "Allow a pinned job to be removed."),

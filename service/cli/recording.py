@@ -20,6 +20,7 @@ def recording() -> None:
     \b
     In the viewer:            needlebench recording open JOB
     Into a file:              needlebench recording fetch JOB a.rrd
+    Of several jobs in one:   needlebench recording together both.rrd JOB JOB
     A picture of it:          needlebench view a.rrd --screenshot a.png
     """
 
@@ -57,6 +58,27 @@ def fetch_recording(job_id: str, file: Path, url: str | None) -> None:
     """
     with service_client(url) as client:
         click.echo(client.recording(job_id, file))
+
+
+@recording.command()
+@click.argument("file", type=click.Path(dir_okay=False, path_type=Path))
+@click.argument("job_ids", metavar="JOB JOB...", nargs=-1, required=True)
+@url_option
+def together(file: Path, job_ids: tuple[str, ...], url: str | None) -> None:
+    """Write the recordings of two to six jobs into FILE as one: scenes side by side under one time cursor, plots on
+    top of each other, each series with the name of its job.
+
+    \b
+    Two controllers:          needlebench recording together both.rrd JOB JOB
+    Then:                     needlebench view both.rrd
+    """
+    from service.recording.together import combine, distinct
+
+    with service_client(url) as client:
+        jobs = [client.job(job_id) for job_id in job_ids]
+        paths = [_local(client, job) or _cached(client, job) for job in jobs]
+    combine(list(zip(distinct([job.name for job in jobs]), paths, strict=True)), file)
+    click.echo(file)
 
 
 def _local(client: Client, job: JobStatus) -> Path | None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import logging
 import threading
+from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from service.engine.attempt_trace import kept_course
@@ -19,6 +20,16 @@ if TYPE_CHECKING:
     from service.store.uploads import Uploads
 
 _log = logging.getLogger("needlebench")
+
+
+@dataclass(frozen=True)
+class SlotState:
+    """One slot. job_id: that it runs. pid: of its warm worker. problem: why it takes no job."""
+
+    name: str
+    job_id: str | None
+    pid: int | None
+    problem: str | None
 
 
 class Engine:
@@ -93,6 +104,11 @@ class Engine:
         """A job was changed: a slot that runs it asks whether it is to be cancelled. From any thread."""
         for slot in list(self._slots):
             slot.hear(job_id)
+
+    @property
+    def slot_states(self) -> list[SlotState]:
+        """Every slot as it is now."""
+        return [SlotState(slot.name, slot.job_id, slot.pid, slot.problem) for slot in list(self._slots)]
 
     @property
     def slots(self) -> int:

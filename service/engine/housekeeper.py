@@ -38,17 +38,19 @@ class Keeper(threading.Thread):
         wake: Callable[[], None],
         sweep: Callable[[], Cleared] | None = None,
         backup: Callable[[], Path | None] | None = None,
+        watch: Callable[[], None] | None = None,
         clock: Callable[[], float] = time.monotonic,
     ) -> None:
         """wake: jobs were queued. sweep: removes old jobs, at the first tick and then once a day; None = never.
 
-        backup: makes the backup of the day if it is due, and says where; None = no backups.
+        backup: makes the backup of the day if it is due, and says where; None = no backups. watch: keeps how the
+        service is now, if that is due.
         """
         super().__init__(name="keeper", daemon=True)
         self._campaigns, self._schedules, self._wake = campaigns, schedules, wake
         self._planner = planner
         self._sweep, self._clock = sweep, clock
-        self._backup = backup
+        self._backup, self._watch = backup, watch
         self._next_sweep = self._next_backup = clock()
         self._stopping = threading.Event()
 
@@ -62,6 +64,8 @@ class Keeper(threading.Thread):
 
     def tick(self) -> None:
         """One round over all of them."""
+        if self._watch is not None:
+            self._watch()
         for campaign in self._campaigns.settle():
             trends.kept_point(self._campaigns, campaign)
             _log.info("campaign %s (%s) is %s", campaign.id, campaign.name, campaign.state)

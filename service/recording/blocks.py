@@ -15,6 +15,8 @@ import rerun as rr
 from numpy.typing import NDArray
 
 from service.recording.colors import Colors, displacement_colors
+from service.recording.layers import LAYERS
+from service.recording.legend import FORCE_ARROW_M_PER_N
 from service.recording.plots import PLOTS, Moment, Step
 
 if TYPE_CHECKING:
@@ -26,7 +28,6 @@ Vector32 = NDArray[np.float32]
 Coloured = tuple[Vector32, Colors]  # positions (v, 3) m and colours (v,) of the nodes of a mesh
 
 BLOCK_STEPS = 100
-FORCE_ARROW_M_PER_N = 0.05
 
 
 class Frame(NamedTuple):
@@ -36,6 +37,7 @@ class Frame(NamedTuple):
     surface: Coloured
     section: Coloured
     edges: Vector32  # (e, 2, 3)
+    layers: tuple[Colors, ...]  # of the section, one for each of LAYERS
 
     @classmethod
     def of(cls, drawing: Drawing, row: int, nodes_m: Floats) -> Frame:
@@ -43,7 +45,8 @@ class Frame(NamedTuple):
         outer, cut = drawing.surface, drawing.section
         shell = _coloured(nodes_m.take(outer.nodes, axis=0), drawing.surface_rest_m)
         plane = _coloured(cut.positions(nodes_m), drawing.section_rest_m)
-        return cls(row, shell, plane, nodes_m.take(outer.edges, axis=0).astype(np.float32))
+        edges = nodes_m.take(outer.edges, axis=0).astype(np.float32)
+        return cls(row, shell, plane, edges, drawing.strain.colors(nodes_m))
 
 
 def _coloured(moved_m: Floats, rest_m: Floats) -> Coloured:
@@ -72,6 +75,7 @@ class Block:
         self.points: list[Vector32] = []
         self.forces: list[Vector32] = []
         self.frames: list[Frame] = []
+        self.limited: list[Vector32] = []  # where the base was held back: one point, or none
 
     @property
     def full(self) -> bool:
@@ -92,6 +96,7 @@ class Block:
             rows.append(value)
         self.points.append(r.points_m.astype(np.float32))
         self.forces.append(r.point_forces_n.astype(np.float32))
+        self.limited.append(np.array([r.base_position_m] if r.limited else np.empty((0, 3)), np.float32))
         if r.tissue_m is not None:
             self.frames.append(Frame.of(self.drawing, row, r.tissue_m))
         self.rows, self.before = row + 1, now
@@ -122,6 +127,8 @@ class Block:
         stream.send_columns("world/points", index, rr.Points3D.columns(positions=origins).partition(lengths))
         arrows = rr.Arrows3D.columns(origins=origins, vectors=vectors)
         stream.send_columns("world/forces", index, arrows.partition(lengths))
+        held = rr.Points3D.columns(positions=np.concatenate(self.limited))
+        stream.send_columns("world/limited", index, held.partition([len(points) for points in self.limited]))
         if self.frames:
             self._send_tissue(stream)
 
@@ -130,6 +137,9 @@ class Block:
         index = self._index(rows)
         stream.send_columns("world/tissue/surface", index, _mesh_columns([frame.surface for frame in self.frames]))
         stream.send_columns("world/tissue/section", index, _mesh_columns([frame.section for frame in self.frames]))
+        for number, layer in enumerate(LAYERS):
+            coloured = [(frame.section[0], frame.layers[number]) for frame in self.frames]
+            stream.send_columns(f"world/tissue/{layer}", index, _mesh_columns(coloured))
         edges = np.concatenate([frame.edges for frame in self.frames])
         lines = rr.LineStrips3D.columns(strips=edges)
         stream.send_columns("world/tissue/edges", index, lines.partition([len(frame.edges) for frame in self.frames]))

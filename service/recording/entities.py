@@ -8,7 +8,9 @@ from typing import TYPE_CHECKING
 import numpy as np
 import rerun as rr
 
-from service.recording.colors import GREEN, GREY, MAGENTA, ORANGE, STEEL, WHITE, YELLOW
+from service.recording.colors import GREEN, GREY, MAGENTA, ORANGE, RED, STEEL, WHITE, YELLOW
+from service.recording.layers import LAYERS, SectionStrain
+from service.recording.legend import legend
 from service.recording.plots import PLOTS
 from service.recording.section import Section, Surface, section, surface
 
@@ -28,6 +30,7 @@ class Drawing:
     section: Section
     surface_rest_m: Floats  # (v, 3) of the surface's nodes
     section_rest_m: Floats  # (s, 3) of the section's points
+    strain: SectionStrain
 
     @classmethod
     def of(cls, scene: Scene) -> Drawing:
@@ -35,7 +38,8 @@ class Drawing:
         rest = scene.tissue_rest_m
         outer = surface(rest, scene.surface_triangles)
         cut = section(rest, scene.tissue_tets, scene.path_m, behind_m=SECTION_BEHIND_M)
-        return cls(scene, outer, cut, rest[outer.nodes], cut.positions(rest))
+        strain = SectionStrain.of(cut, rest, scene.tissue_tets, scene.scenario.tissue)
+        return cls(scene, outer, cut, rest[outer.nodes], cut.positions(rest), strain)
 
 
 def log_static(stream: rr.RecordingStream, scene: Scene, drawing: Drawing) -> None:
@@ -58,7 +62,11 @@ def log_static(stream: rr.RecordingStream, scene: Scene, drawing: Drawing) -> No
         ),
         "world/tissue/held": rr.Points3D(scene.tissue_rest_m[scene.held_nodes], radii=0.7e-3, colors=[GREY]),
         "world/tissue/edges": rr.LineStrips3D.from_fields(radii=0.25e-3, colors=[GREY]),
-        "world/tissue/section": _textured(cut),
+        "world/limited": rr.Points3D.from_fields(
+            radii=1.2e-3, colors=[RED], labels=["held back by the robot's limits"], show_labels=True
+        ),
+        **{f"world/tissue/{layer}": _textured(cut) for layer in ("section", *LAYERS)},
+        **legend(scene),
     }
     for entity, archetype in static.items():
         stream.log(entity, archetype, static=True)

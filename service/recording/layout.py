@@ -7,7 +7,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 import rerun.blueprint as rrb
 
-from service.recording.colors import DISPLACEMENT_SCALE_M
+from service.recording.layers import LAYERS
+from service.recording.legend import legend_corners
 from service.recording.section import path_plane
 
 if TYPE_CHECKING:
@@ -22,16 +23,11 @@ _EYE_MARGIN = 1.04
 
 def blueprint(scene: Scene) -> rrb.Blueprint:
     """The default layout of a recording of this scene."""
-    title = f"Colour: tissue displacement, blue 0 to red {DISPLACEMENT_SCALE_M * 1e3:g} mm"
     return rrb.Blueprint(
         rrb.Horizontal(
-            rrb.Spatial3DView(
-                origin="/world",
-                name=title,
-                background=BACKGROUND,
-                line_grid=False,
-                eye_controls=_eye(scene),
-                overrides={"world/trail": _everything_so_far()},
+            rrb.Tabs(
+                *(scene_view(layer, eye=_eye(scene)) for layer in ("displacement", *LAYERS)),
+                active_tab=0,
             ),
             rrb.Vertical(
                 _plot("error", "Errors"),
@@ -55,21 +51,45 @@ def blueprint(scene: Scene) -> rrb.Blueprint:
     )
 
 
+def scene_view(
+    layer: str, *, root: str = "", title: str = "", eye: rrb.EyeControls3D | None = None
+) -> rrb.Spatial3DView:
+    """The scene with the section and the legend of one layer: displacement, strain or stress. root: of its entities."""
+    shown = {"displacement": "section"}
+    others = [one for one in ("displacement", *LAYERS) if one != layer]
+    left_out = [f"- {root}/world/tissue/{shown.get(one, one)}" for one in others]
+    left_out += [f"- {root}/world/legend/{one}" for one in others]
+    return rrb.Spatial3DView(
+        origin=f"{root}/world",
+        contents=[f"+ {root}/world/**", *left_out],
+        name=title or f"Colour: tissue {layer}",
+        background=BACKGROUND,
+        line_grid=False,
+        eye_controls=eye,
+        overrides={f"{root}/world/trail".removeprefix("/"): everything_so_far()},
+    )
+
+
 def _plot(group: str, name: str) -> rrb.TimeSeriesView:
     return rrb.TimeSeriesView(origin=f"/metrics/{group}", name=name, plot_legend=rrb.PlotLegend(rrb.Corner2D.LeftTop))
 
 
-def _everything_so_far() -> rrb.VisibleTimeRanges:
+def everything_so_far() -> rrb.VisibleTimeRanges:
     """From the start to the time cursor: short pieces add up to a trail."""
     start, now = rrb.TimeRangeBoundary.infinite(), rrb.TimeRangeBoundary.cursor_relative()
     return rrb.VisibleTimeRanges([rrb.VisibleTimeRange(line, start=start, end=now) for line in ("t", "step")])
 
 
 def _eye(scene: Scene) -> rrb.EyeControls3D:
-    """Sees the whole block, and the needle before it enters, with the path's plane nearly face on."""
-    along, across, normal = path_plane(scene.path_m)
+    """Sees the whole block, and the needle before it enters."""
+    along = path_plane(scene.path_m)[0]
     base = scene.path_m[0] - along * scene.scenario.needle.length_mm * 1e-3
-    points = np.vstack([scene.tissue_rest_m, base])
+    return eye_on(np.vstack([scene.tissue_rest_m, base, legend_corners(scene)]), scene.path_m)
+
+
+def eye_on(points: Floats, path_m: Floats) -> rrb.EyeControls3D:
+    """Sees all points (n, 3) m, with the plane of the path (p, 3) m nearly face on."""
+    along, across, normal = path_plane(path_m)
     backward = _unit(0.8 * normal + 0.45 * along + 0.4 * across)
     right = _unit(np.cross(across, backward))
     up = np.cross(backward, right)

@@ -6,7 +6,7 @@ import math
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, NamedTuple
 
-from service.recording.colors import CYAN, GREEN, GREY, ORANGE, YELLOW
+from service.recording.colors import CYAN, GREEN, ORANGE, RED, YELLOW
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -94,7 +94,12 @@ PLOTS = (
     Plot("metrics/depth", (("inserted, mm", GREEN),), _depth),
     Plot(
         "metrics/command",
-        (("commanded speed, mm/s", ORANGE), ("speed, mm/s", GREEN), ("rotation, deg/s", CYAN), ("limited", GREY)),
+        (
+            ("commanded speed, mm/s", ORANGE),
+            ("speed, mm/s", GREEN),
+            ("rotation, deg/s", CYAN),
+            ("limited, 1 = yes", RED),
+        ),
         _command,
     ),
     Plot("metrics/solver", (("iterations", GREEN), ("log10 of the residual, N", CYAN)), _solver),

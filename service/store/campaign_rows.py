@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import fields
 from typing import Any
 
-from sqlalchemy import ColumnElement, Connection, Row, Select, bindparam, case, func, select
+from sqlalchemy import ColumnElement, Connection, Row, Select, bindparam, case, func, select, type_coerce
 
 from service.store import schema
 from service.store.campaign import RUNNING, Campaign, CampaignActiveError, CampaignCase, CampaignPinnedError, Tally
@@ -20,6 +20,9 @@ TALLY = (  # read from an index alone: of a large campaign it is asked every sec
     .where(_job.c.lane == bindparam("of_lane"))
     .group_by(_job.c.state)
 )
+OF_CASE = type_coerce(  # one document is read, not both: that is half of what the page of a large campaign takes
+    func.coalesce(_job.c.result, schema.campaign_case.c.outcome), _job.c.result.type
+).label("result")
 _OWN_LANE: ColumnElement[str] = func.coalesce(_campaign.c.owner, "").concat("/").concat(_campaign.c.id)
 WHOLLY_ENDED = select(_campaign.c.id).where(  # running campaigns of which no job is active
     _campaign.c.state == RUNNING,
@@ -58,6 +61,5 @@ def to_campaign(row: Row[Any]) -> Campaign:
 
 def to_case(row: Row[Any], results: bool) -> CampaignCase:
     """A row of a campaign's cases, with its result if it is wanted."""
-    result = (row.of_job or row.outcome) if results else None
     names = ("number", "case_id", "labels", "job_id", "state", "error_kind", "error")
-    return CampaignCase(**{name: getattr(row, name) for name in names}, result=result)
+    return CampaignCase(**{name: getattr(row, name) for name in names}, result=row.result if results else None)

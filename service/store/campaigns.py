@@ -20,7 +20,7 @@ from service.store.campaign import (
     Tally,
     UnknownCampaignError,
 )
-from service.store.campaign_rows import WHOLLY_ENDED, check_removable, tally_of, to_campaign, to_case
+from service.store.campaign_rows import OF_CASE, WHOLLY_ENDED, check_removable, tally_of, to_campaign, to_case
 from service.store.job import QUEUED
 from service.store.job import RUNNING as JOB_RUNNING
 from service.store.job_queries import check_room
@@ -168,7 +168,7 @@ class CampaignStore:
         columns = [_case.c.number, _case.c.case_id, _case.c.labels, _case.c.job_id]
         columns += [_job.c.state, _job.c.error_kind, _job.c.error]
         query = (
-            select(*columns, *([_job.c.result.label("of_job"), _case.c.outcome] if results else []))
+            select(*columns, *([OF_CASE] if results else []))
             .select_from(_case.outerjoin(_job, _job.c.id == _case.c.job_id))
             .where(_case.c.campaign_id == campaign_id, _case.c.number >= first)
             .order_by(_case.c.number)

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 from fastapi import APIRouter, Query, Request, Response
+from pydantic import BaseModel, Field
 
 from benchmarks.cautions import cautions
 from benchmarks.paper.table import BESIDE, arms, main_rows, rows
@@ -12,20 +13,43 @@ from benchmarks.suites.catalogue import suite_names
 from service.api.context import Service, ServiceOf
 from service.api.parameters import CampaignId, Cursor
 from service.api.schemas.campaigns import CampaignState, CampaignView, ComparisonView
-from service.campaigns.cases import FIELDS, Column, scores, sorted_cases
+from service.campaigns.cases import FIELDS, MEASURES, CaseResult, Column, scores, sorted_cases
 from service.campaigns.comparison import arms_of, compare_campaigns, compare_within
+from service.campaigns.fronts import Front, fronts
 from service.campaigns.overview import campaign_page, overview
 from service.campaigns.results import outcomes
-from service.store.campaign import UnknownCampaignError
+from service.store.campaign import Campaign, UnknownCampaignError
 from service.web.form import paths
+from service.web.pictures.fronts import front_pictures
+from service.web.pictures.heatmap import heatmap
+from service.web.pictures.scatter import LISTED, scatter
 from service.web.site import missing, page
 from simcore.errors import ScenarioError
 from simcore.scenario.presets import preset_names
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
 
 router = APIRouter(include_in_schema=False)
 
 ROWS = 30
 CASES = 100
+
+Name = Annotated[str, Field(max_length=200)]
+
+
+class CampaignQuery(BaseModel):
+    """What the page of a campaign shows. sort, down, first: of the list of cases. of: measure of the heatmap. x, y,
+    color: of the points, a label of the cases or a measure."""
+
+    sort: Column = "number"
+    down: bool = False
+    first: int = Field(0, ge=0, le=10**6)
+    picture: Literal["heatmap", "scatter"] = "heatmap"
+    of: Name = "rmse"
+    x: Name = ""
+    y: Name = ""
+    color: Name = ""
 
 
 @router.get("/campaigns")
@@ -57,36 +81,49 @@ def request_form() -> dict[str, Any]:
 
 @router.get("/campaigns/{campaign_id}")
 def get_campaign(
-    campaign_id: CampaignId,
-    request: Request,
-    service: ServiceOf,
-    sort: Column = "number",
-    down: bool = False,
-    first: Annotated[int, Query(ge=0, le=10**6)] = 0,
+    campaign_id: CampaignId, request: Request, service: ServiceOf, wanted: Annotated[CampaignQuery, Query()]
 ) -> Response:
-    """One campaign: progress, scores by arm, warnings, its cases sorted by a column."""
+    """One campaign: progress, scores by arm, warnings, pictures of its cases, and these sorted by a column."""
     try:
         campaign = service.campaigns.get(campaign_id)
     except UnknownCampaignError:
         return missing(request, f"campaign {campaign_id}")
     cases = service.campaigns.cases(campaign_id)
-    table = rows(outcomes(cases))
-    shown = sorted_cases(cases, sort, descending=down)[first : first + CASES]
+    table, results = rows(outcomes(cases)), [CaseResult.of(case) for case in cases]
+    marks = scores(table)
     return page(
         request,
         "campaign.html",
         campaign=CampaignView.of(overview(service.campaigns, campaign, now=service.store.now)),
-        scores=scores(table),
+        scores=marks,
+        fronts=front_pictures(fronts(marks)),
+        pictures=_pictures(campaign, results, wanted),
         columns_beside=[(name, BESIDE[field]) for name, field in FIELDS.items() if field in BESIDE],
-        cases=shown,
-        first=first,
+        cases=sorted_cases(results, wanted.sort, descending=wanted.down)[wanted.first :][:CASES],
+        first=wanted.first,
         size=CASES,
-        sort=sort,
-        down=down,
+        sort=wanted.sort,
+        down=wanted.down,
         arms=arms(main_rows(table)),
         ended=len(table),
         cautions=cautions((row.id, row.warnings) for row in table),
     )
+
+
+def _pictures(campaign: Campaign, cases: Sequence[CaseResult], wanted: CampaignQuery) -> dict[str, Any]:
+    """The cases as a heatmap where the grid has two axes and nothing else is wanted, else as points."""
+    of = wanted.of if wanted.of in MEASURES else "rmse"
+    shaded = heatmap(cases, campaign.request.get("grid") or {}, of)
+    plain = shaded is not None and wanted.picture == "heatmap"
+    points = None if plain else scatter(cases, x=wanted.x, y=wanted.y, color=wanted.color)
+    return {
+        "heatmap": None if points else shaded,
+        "scatter": points,
+        "of": of,
+        "measures": MEASURES,
+        "both": shaded is not None,
+        "listed": LISTED,
+    }
 
 
 @router.get("/compare")
@@ -115,8 +152,14 @@ def get_compare(
         chosen={"a": a, "b": b, "first": first, "second": second},
         body=body,
         comparison=comparison,
+        fronts=front_pictures(_fronts(service, a)) if comparison and not b else [],
         problem=problem,
     )
+
+
+def _fronts(service: Service, campaign_id: str) -> list[Front]:
+    """All arms of a campaign by error and cost."""
+    return fronts(scores(rows(outcomes(service.campaigns.cases(campaign_id)))))
 
 
 def _comparison(service: Service, body: dict[str, Any]) -> tuple[dict[str, Any] | None, str]:

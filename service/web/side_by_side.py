@@ -2,13 +2,23 @@
 
 from __future__ import annotations
 
+import shutil
+import tempfile
+import threading
+from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, NamedTuple
 
 from fastapi import APIRouter, Query, Request, Response
+from fastapi import Path as PathParameter
+from starlette.background import BackgroundTask
+from starlette.responses import FileResponse
 
 from service.api.context import Service, ServiceOf
+from service.api.problems import HttpError
 from service.api.schemas.jobs import JobView
-from service.display import flat
+from service.display import flat, size_text
+from service.recording.together import FEWEST, MOST, TogetherError, combine, distinct
+from service.recording.viewer import ViewerError
 from service.store.job import FINISHED, UnknownJobError
 from service.web.job_facts import measures, path_words
 from service.web.site import missing, page
@@ -20,7 +30,9 @@ if TYPE_CHECKING:
 
 router = APIRouter(include_in_schema=False)
 
-FEWEST, MOST = 2, 6
+MOST_BYTES = 300 * 2**20  # of recordings that the service puts together
+RRD = "application/vnd.rerun.rrd"
+_combining = threading.Lock()  # one at a time: it takes a process and memory
 _APART = ("name", "schema")
 
 
@@ -61,6 +73,38 @@ def get_side_by_side(
         plotted=[job.id for job in jobs if _has(service, job, "series.npz")],
         recorded=[job.id for job in jobs if _has(service, job, "recording.rrd")],
     )
+
+
+@router.get("/side-by-side/{jobs}.rrd")
+def get_recording(
+    jobs: Annotated[str, PathParameter(pattern="^[0-9a-z]+(-[0-9a-z]+){1,5}$", max_length=200)], service: ServiceOf
+) -> Response:
+    """The recordings of jobs that have finished, as one. jobs: their ids with hyphens between them."""
+    chosen = [service.store.get(job_id) for job_id in dict.fromkeys(jobs.split("-"))]
+    files = [_recording(service, job) for job in chosen]
+    if sum(path.stat().st_size for path in files) > MOST_BYTES:
+        raise HttpError(413, f"the recordings are more than {size_text(MOST_BYTES)}: needlebench recording together")
+    names = distinct([job.name for job in chosen])
+    with _combining:
+        folder = Path(tempfile.mkdtemp(prefix="together-"))
+        try:
+            combine(list(zip(names, files, strict=True)), folder / "together.rrd")
+        except (TogetherError, ViewerError) as error:
+            shutil.rmtree(folder, ignore_errors=True)
+            raise HttpError(422, str(error)) from None
+    away = BackgroundTask(shutil.rmtree, folder, ignore_errors=True)
+    headers = {"Cache-Control": "no-store"}
+    return FileResponse(
+        folder / "together.rrd", media_type=RRD, filename="together.rrd", headers=headers, background=away
+    )
+
+
+def _recording(service: Service, job: Job) -> Path:
+    """The file of a job's recording. Raises HttpError."""
+    found = next((one for one in service.store.artefacts(job.id) if one.name == "recording.rrd"), None)
+    if job.state != FINISHED or found is None or not (path := service.settings.data / found.path).is_file():
+        raise HttpError(404, f"job {job.id} has no recording", code="result-absent")
+    return path
 
 
 def fields_apart(scenarios: Sequence[dict[str, Any]]) -> list[Line]:

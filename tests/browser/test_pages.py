@@ -325,10 +325,11 @@ def test_a_model_is_trained_from_the_page_and_steered_by(page: Page) -> None:
     page.locator("[data-field=data][aria-invalid=true]").wait_for()
     file: FilePayload = {"name": "data.npz", "mimeType": "application/octet-stream", "buffer": b"no data set"}
     page.get_by_label("Upload one").set_input_files(files=[file])
-    page.locator("#messages", has_text="cannot be used as a data set").wait_for()
+    page.locator(".field:has(#file) .problem", has_text="cannot be used as a data set").wait_for()  # beside its field
     file["buffer"] = dataset_bytes()
     page.get_by_label("Upload one").set_input_files(files=[file])
-    page.locator("#messages", has_text="80 rows of 2 insertions").wait_for()
+    page.locator(".field:has(#file)", has_text="data.npz is here").wait_for()
+    assert "80 rows, 2 insertions" in page.locator("#data option:checked").inner_text()
     page.get_by_label("Kind").select_option("linear")
     assert not page.get_by_label("Nodes").is_visible()
     page.get_by_label("Kind").select_option("elm")
@@ -400,12 +401,12 @@ def test_what_was_entered_survives_a_reload_and_is_not_replaced_unasked(page: Pa
 
 def test_the_keyboard_reaches_the_main_actions_in_order(page: Page) -> None:
     reached = []
-    for _ in range(11):
+    for _ in range(12):
         page.keyboard.press("Tab")
         reached.append(page.evaluate("document.activeElement.textContent.trim()"))
         outline = page.evaluate("getComputedStyle(document.activeElement).outlineStyle")
         assert outline != "none", reached
-    assert reached[:10] == [
+    assert reached[:11] == [
         "Skip to the content",
         "needlebench",
         "Jobs",
@@ -415,6 +416,7 @@ def test_the_keyboard_reaches_the_main_actions_in_order(page: Page) -> None:
         "Trends",
         "Compare",
         "Models",
+        "Service",
         "Submit a job",
     ]
     page.goto("/submit")
@@ -456,12 +458,12 @@ def test_long_names_make_no_page_scroll_sideways_and_wide_tables_do_so_by_keys(p
         for width in (390, 1440):
             page.set_viewport_size({"width": width, "height": 900})
             assert page.evaluate("document.documentElement.scrollWidth <= innerWidth"), (address, width)
-        page.set_viewport_size({"width": 390, "height": 900})
+        page.set_viewport_size({"width": 640, "height": 900})  # wider than where rows become cards
         table = page.locator(".table[role=region][tabindex='0']").first
         table.focus()
         for _ in range(5):
             page.keyboard.press("ArrowRight")
-        page.wait_for_function("document.activeElement.scrollLeft > 0")
+        until(lambda: page.evaluate("document.activeElement.scrollLeft > 0"))
 
 
 def test_a_service_that_is_away_is_told(browser: Browser, server: Server) -> None:

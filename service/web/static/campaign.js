@@ -1,4 +1,5 @@
 // One campaign: refreshed while it runs; its report on request.
+import { at } from "./app.js";
 import { refresh } from "./live.js";
 
 const head = () => document.getElementById("head");
@@ -11,4 +12,10 @@ document.getElementById("show-report").addEventListener("click", ({ target }) =>
   const frame = Object.assign(document.createElement("iframe"), { className: "report", title: "Report of the campaign", src: target.dataset.url });
   document.getElementById("report").replaceChildren(frame);
   target.textContent = "Reload";
+});
+
+// A point of the picture leads to its insertion, as its row of the table does.
+document.addEventListener("click", ({ target }) => {
+  const point = target.closest(".points [data-job]");
+  if (point) location.assign(at(`/jobs/${point.dataset.job}`));
 });

@@ -1,5 +1,6 @@
 // Models: the form of a training, and uploads.
-import { at, errorText, mark, quiet, send, submits, tell, unmark } from "./app.js";
+import { at, mark, quiet, send, submits, unmark } from "./app.js";
+import { takeFiles } from "./drop.js";
 import { follow, refresh } from "./live.js";
 
 const form = document.getElementById("train");
@@ -20,34 +21,20 @@ function value(control) {
   return control.dataset.type === "list" ? text.split(",").map(number) : number(text);
 }
 
-async function sendFile(input, kind) {
-  const file = input.files[0];
-  if (!file) return null;
-  quiet();
-  input.disabled = true;
-  const answer = await send(at(`/api/v1/uploads?${new URLSearchParams({ kind, name: file.name })}`), { file });
-  input.disabled = false;
-  input.value = "";
-  if (answer.ok) return answer.data;
-  tell(errorText(answer));
-  return null;
+function drop(id, kind, sent) {
+  const input = document.getElementById(id), holder = input.closest(".field");
+  holder.classList.add("drop");
+  takeFiles(holder, input, { kind: () => kind, sent });
 }
 
-document.getElementById("file").addEventListener("change", async ({ target }) => {
-  const sent = await sendFile(target, "dataset");
-  if (!sent) return;
+drop("file", "dataset", ({ name, reference, content }) => {
   const choice = field("data");
-  if (![...choice.options].some((one) => one.value === sent.reference)) {
-    choice.append(new Option(`${sent.name}: ${sent.content.drawn} rows, ${sent.content.insertions} insertions`, sent.reference));
+  if (![...choice.options].some((one) => one.value === reference)) {
+    choice.append(new Option(`${name}: ${content.drawn} rows, ${content.insertions} insertions`, reference));
   }
-  choice.value = sent.reference;
-  tell(`${sent.name} is uploaded: ${sent.content.drawn} rows of ${sent.content.insertions} insertions.`, { kind: "good" });
+  choice.value = reference;
 });
-
-document.getElementById("model-file").addEventListener("change", async ({ target }) => {
-  const sent = await sendFile(target, "model");
-  if (sent) location.assign(at(`/models/${sent.id}`));
-});
+drop("model-file", "model", ({ id }) => location.assign(at(`/models/${id}`)));
 
 submits(form, async () => {
   unmark(form);

@@ -51,16 +51,30 @@ function label(job) {
 
 document.getElementById("over-time").addEventListener("change", drawAll);
 document.getElementById("open-recordings")?.addEventListener("click", () => {
-  const theme = matchMedia("(prefers-color-scheme: dark)").matches ? "dark" : "light";
-  const viewers = JSON.parse(document.getElementById("recordings").dataset.jobs).map((job) => {
-    const url = new URL(at(`/recordings/${job}.rrd`), location.href).href;
-    const frame = document.createElement("iframe");
-    Object.assign(frame, { className: "viewer", title: `Recording of ${label(job)}`, allow: "fullscreen" });
-    frame.src = at(`/viewer/index.html?${new URLSearchParams({ url, hide_welcome_screen: "1", persist: "0", notebook: "0", theme })}`);
-    const card = Object.assign(document.createElement("section"), { className: "card" });
-    card.append(Object.assign(document.createElement("h2"), { textContent: label(job) }), frame);
-    return card;
-  });
-  document.getElementById("viewers").replaceChildren(...viewers);
+  show(recorded().map((job) => viewer(at(`/recordings/${job}.rrd`), label(job))), "columns");
 });
+document.getElementById("open-together")?.addEventListener("click", () => {
+  show([viewer(at(`/side-by-side/${recorded().join("-")}.rrd`), recorded().map(label).join(", "))], "");
+});
+
+function recorded() { return JSON.parse(document.getElementById("recordings").dataset.jobs); }
+
+function show(cards, kind) {
+  const place = document.getElementById("viewers");
+  place.className = kind;
+  place.replaceChildren(...cards);
+}
+
+/** A card with the viewer of a recording at an address. */
+function viewer(path, title) {
+  const theme = matchMedia("(prefers-color-scheme: dark)").matches ? "dark" : "light";
+  const url = new URL(path, location.href).href;
+  const frame = document.createElement("iframe");
+  Object.assign(frame, { className: "viewer", title: `Recording of ${title}`, allow: "fullscreen" });
+  frame.src = at(`/viewer/index.html?${new URLSearchParams({ url, hide_welcome_screen: "1", persist: "0", notebook: "0", theme })}`);
+  const card = Object.assign(document.createElement("section"), { className: "card" });
+  card.append(Object.assign(document.createElement("h2"), { textContent: title }), frame);
+  return card;
+}
+
 load();

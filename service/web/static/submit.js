@@ -1,6 +1,7 @@
 // The form of a scenario: changed fields become JSON; a drawing and an estimate follow.
 import { at, confirmed, mark, quiet, send, submits, unmark } from "./app.js";
 import { curve, drawing, length } from "./draw.js";
+import { takeFiles } from "./drop.js";
 import { span } from "./live.js";
 
 const form = document.getElementById("scenario");
@@ -10,7 +11,7 @@ const preset = document.getElementById("preset");
 const fields = [...form.querySelectorAll("[data-path]")];
 const MOST_SHOWN = 4000; // characters of the JSON that are shown
 
-const inputs = (field) => [...field.querySelectorAll("input, select, textarea")];
+const inputs = (field) => [...field.querySelectorAll("input:not([type=file]), select, textarea")];
 const same = (a, b) => JSON.stringify(a) === JSON.stringify(b);
 const sorted = (list) => [...(list ?? [])].sort();
 
@@ -232,6 +233,14 @@ submits(form, async () => {
   mark(form, answer, "data-path", "@");
 });
 
+for (const input of form.querySelectorAll("input[data-send]")) {
+  const field = input.closest("[data-path]");
+  field.classList.add("drop");
+  takeFiles(field, input, {
+    kind: () => input.dataset.send,
+    sent: ({ reference }) => { put(field, reference); typed = true; update(); },
+  });
+}
 const draft = kept();
 if (draft) {
   preset.value = chosen = draft.chosen;

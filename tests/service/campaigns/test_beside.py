@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 import pytest
 
 from benchmarks.paper.table import BESIDE
-from service.campaigns.cases import FIELDS, Column, sorted_cases
+from service.campaigns.cases import FIELDS, CaseResult, Column, sorted_cases
 from service.store.campaign import CampaignCase
 from service.store.job import Outcome
 from tests.service.http import idle_service
@@ -78,9 +78,9 @@ def test_the_answers_of_the_api_have_them(both: tuple[TestClient, Service]) -> N
     assert (score["beside"], score["yielded"]) == (VALUES, 1.0)  # 1234 MPa is past the default of 1030
 
 
-def case(number: int, **metrics: float | None) -> CampaignCase:
+def case(number: int, **metrics: float | None) -> CaseResult:
     result = {"status": "completed", "metrics": metrics, "timing": {}}
-    return CampaignCase(
+    case = CampaignCase(
         number=number,
         case_id=f"case {number}",
         labels={},
@@ -90,6 +90,7 @@ def case(number: int, **metrics: float | None) -> CampaignCase:
         error=None,
         result=result,
     )
+    return CaseResult.of(case)
 
 
 @pytest.mark.parametrize("down", [False, True])

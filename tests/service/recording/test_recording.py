@@ -21,8 +21,9 @@ from rerun.error_utils import RerunWarning
 
 from service.display import job_text, plain_values
 from service.recording import observer as recording
-from service.recording.blocks import BLOCK_STEPS, FORCE_ARROW_M_PER_N
+from service.recording.blocks import BLOCK_STEPS
 from service.recording.colors import DISPLACEMENT_SCALE_M, displacement_colors
+from service.recording.legend import FORCE_ARROW_M_PER_N
 from service.recording.observer import RerunObserver, optimize
 from service.recording.plots import PLOTS, Moment, Step
 from service.worker.attempt import ObserverGroup
@@ -189,7 +190,7 @@ def test_commanded_and_actual_motion_are_told_apart(kept: tuple[Path, Keeper]) -
     values = command.values(Step(after, Moment.of(after), before, 0.01))
     names = [name for name, _ in command.series]
     assert dict(zip(names, values, strict=True)) == pytest.approx(
-        {"commanded speed, mm/s": 200.0, "speed, mm/s": 100.0, "rotation, deg/s": 0.0, "limited": 1.0}
+        {"commanded speed, mm/s": 200.0, "speed, mm/s": 100.0, "rotation, deg/s": 0.0, "limited, 1 = yes": 1.0}
     )
     assert static(kept[0], command.entity)["SeriesLines:names"] == names
 
@@ -256,7 +257,7 @@ def test_the_layout_shows_entities_that_exist(kept: tuple[Path, Keeper]) -> None
         if "ViewBlueprint:space_origin" in chunk.to_record_batch().schema.names
         for (origin,) in chunk.to_record_batch().column("ViewBlueprint:space_origin").to_pylist()
     ]
-    assert len(origins) == 9
+    assert len(origins) == 11
     for origin in origins:
         assert any(entity == origin or entity.startswith(f"{origin}/") for entity in entities), origin
 

@@ -83,6 +83,9 @@ def site(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Site]:
         compared = [one["job"] for one in http.get(f"/api/v1/campaigns/{ended[0]}/jobs").json()["items"][:2]]
         failed = _failed(http, service)
         trained, training, model = _trained(http, service)
+        barrel = (files("service") / "cli" / "examples" / "mesh.msh").read_bytes()
+        mesh = http.post("/api/v1/uploads", params={"kind": "mesh", "name": "a.msh"}, content=barrel).json()["id"]
+        service.history.tick()
         a, b = ended
         where = {
             "/": "jobs",
@@ -109,6 +112,14 @@ def site(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Site]:
             "/submit?from=mlp": "form from a bundled model",
             f"/side-by-side?job={compared[0]}&job={compared[1]}&job={done}": "jobs side by side",
             "/docs": "the API",
+            "/suites": "suites",
+            f"/suites/{quote(HOSTILE, safe='')}": "a suite",
+            f"/campaigns/{a}?picture=scatter&x=push&color=seed": "a campaign as points",
+            "/uploads": "uploads",
+            "/uploads?kind=mesh": "uploads of a kind",
+            f"/uploads/{mesh}": "an uploaded mesh",
+            "/service": "the service",
+            "/keys": "keys, none yet",
             "/compare": "comparison",
             f"/compare?a={a}": "comparison, half chosen",
             f"/compare?a={a}&b={b}": "two campaigns",

@@ -6,9 +6,12 @@ from typing import TYPE_CHECKING
 
 import pytest
 
+from service.recording.observer import RerunObserver
 from service.web.side_by_side import fields_apart, numbers
 from simcore.scenario.scenario import Scenario
+from tests.service.fake_run import FakeRun
 from tests.service.http import finish, idle_service
+from tests.service.recording.test_recording import short, static
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -54,3 +57,26 @@ def test_the_page_needs_two_insertions_that_there_are(tmp_path: Path) -> None:
         assert http.get("/side-by-side", params={"job": ids[:1]}).status_code == 404
         assert http.get("/side-by-side", params={"job": [*ids, "0" * 16]}).status_code == 404
         assert http.get("/side-by-side", params={"job": [str(i) for i in range(7)]}).status_code == 422
+
+
+@pytest.mark.slow
+def test_recordings_are_put_together_under_one_address(tmp_path: Path) -> None:
+    with idle_service(tmp_path) as (http, service):
+        ids = [http.post("/api/v1/jobs", json={"scenario": {"name": "same"}}).json()["id"] for _ in range(2)]
+        waiting = http.post("/api/v1/jobs", json={"scenario": {"name": "later"}}).json()["id"]
+        for _ in ids:
+            job = finish(service)
+            found = next(one for one in service.store.artefacts(job.id) if one.name == "recording.rrd")
+            with RerunObserver(tmp_path / found.path, recording_id=job.id) as recorder:
+                FakeRun(short()).run(recorder)
+        page = http.get("/side-by-side", params={"job": ids}).text
+        assert f'href="/side-by-side/{ids[0]}-{ids[1]}.rrd"' in page
+        answer = http.get(f"/side-by-side/{ids[0]}-{ids[1]}.rrd")
+        assert answer.status_code == 200
+        both = tmp_path / "both.rrd"
+        both.write_bytes(answer.content)
+        names = [static(both, f"run{i}/metrics/error")["SeriesLines:names"][0] for i in (1, 2)]
+        assert names == ["same (1): tip error, mm", "same (2): tip error, mm"]
+        assert http.get(f"/side-by-side/{ids[0]}-{waiting}.rrd").status_code == 404
+        assert http.get(f"/side-by-side/{ids[0]}.rrd").status_code == 422
+        assert http.get(f"/side-by-side/{ids[0]}-{ids[0]}.rrd").status_code == 422
