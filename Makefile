@@ -25,7 +25,7 @@ COMPILE = env -u UV_INDEX -u UV_INDEX_URL -u UV_EXTRA_INDEX_URL -u UV_DEFAULT_IN
 # Hundreds of processes that would each compile the code again: tests keep bytecode whatever the environment says.
 test test-fast test-long test-python chaos verification: export PYTHONDONTWRITEBYTECODE :=
 
-.PHONY: help run env env-dev check kernels checked test test-fast test-long test-python chaos docs verification golden models lock hooks image clean
+.PHONY: help run env env-dev check kernels checked test test-fast test-long test-python chaos docs verification golden pictures models lock hooks image clean
 
 help:  ## this list
 	@awk -F ':.*## ' '/^[a-z-]+:.*## / { printf "  make %-12s %s\n", $$1, $$2 }' Makefile
@@ -86,6 +86,9 @@ golden: env-dev  ## measure golden numbers and pinned digests of suites again, a
 	$(BIN)/python -m tests.benchmarks.golden
 	$(BIN)/python -m tests.benchmarks.paper.test_suites
 	$(BIN)/python docs/refresh_readme.py
+
+pictures: env-dev  ## take the pictures of the service's pages that the documentation shows, in benchmarks/pictures (needs chromium)
+	$(BIN)/python -m tests.browser.pictures
 
 models: env-dev  ## run the training insertions and train the bundled models, in simcore/models (half an hour and more)
 	$(BIN)/needlebench dataset --out out/models/data.npz --force

@@ -5,7 +5,7 @@ from __future__ import annotations
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, Protocol
+from typing import TYPE_CHECKING, Any, NamedTuple, Protocol
 
 if TYPE_CHECKING:
     from contextlib import AbstractContextManager
@@ -35,6 +35,23 @@ class Crew(Protocol):
         """Run all, two at a time; results in the order of the scenarios."""
 
 
+class ClusterCost(NamedTuple):
+    """What so many tasks of 5 ms took on a cluster of this machine: wall time, and CPU time of scheduler, campaign and
+    all workers together; s."""
+
+    tasks: int
+    workers: int
+    wall_s: float
+    scheduler_cpu_s: float
+    campaign_cpu_s: float
+    workers_cpu_s: float
+
+
+def _no_cluster(_tasks: int, _workers: int) -> ClusterCost:
+    """Where nobody can start one."""
+    raise NotImplementedError("no cluster was handed in")
+
+
 def _nothing_kept(_name: str) -> str | None:
     """Without a place to keep anything."""
     return None
@@ -50,7 +67,8 @@ class BenchPorts:
 
     say: progress, one line. recorder: opens a recording at a path. recorder_name: the same, as `module:function`, for a
     process of its own. crew: so many workers while the context is open. folder: where scratch files may be. kept: the
-    text that an interrupted benchmark kept under a name, or None; keep: keep it, in place of what was there.
+    text that an interrupted benchmark kept under a name, or None; keep: keep it, in place of what was there. cluster:
+    (tasks, workers) -> what tasks of 5 ms cost on a cluster of this machine.
     """
 
     say: Callable[[str], None]
@@ -62,6 +80,7 @@ class BenchPorts:
     quick: bool = False
     kept: Callable[[str], str | None] = _nothing_kept
     keep: Callable[[str, str], None] = _not_kept
+    cluster: Callable[[int, int], ClusterCost] = _no_cluster
 
     def rounds(self, full: int) -> int:
         """How often a measurement is repeated."""

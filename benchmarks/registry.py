@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
+from benchmarks.performance.cluster import cluster
 from benchmarks.performance.environments import environments
 from benchmarks.performance.kernels import micro
 from benchmarks.performance.recording_cost import recording
@@ -48,6 +49,7 @@ BENCHMARKS = {
     "convergence": Benchmark(convergence, "bands of the default: three meshes, three spacings", study=True),
     "work-precision": Benchmark(work_precision, "which mesh is worth its time: uniform, graded", study=True),
     "sweeps": Benchmark(sweeps_study, "tip, entry force and sum |lambda|, one parameter at a time", study=True),
+    "cluster": Benchmark(cluster, "what a task costs on a Dask cluster of this machine: 10,000 of 5 ms", study=True),
     "forces": Benchmark(forces, "force over depth: push, hold, pull out", study=True),
 }
 

@@ -26,7 +26,7 @@ _NORMAL = 1.4826  # median absolute deviation -> standard deviation, for a norma
 class Mark(StrEnum):
     """How a figure compares with the runs before."""
 
-    FIRST = "first"  # nothing to compare with
+    UNJUDGED = "unjudged"  # nothing to compare with, or too little
     SAME = "same"  # identical, or within noise
     BETTER = "better"
     WORSE = "worse"
@@ -117,7 +117,7 @@ def lasting_losses(points: Sequence[Point]) -> list[Loss]:
 def _accuracy(point: Point, last: Point | None) -> tuple[Mark, str]:
     shared = [case for case in point.rmse_commanded_mm if last is not None and case in last.rmse_commanded_mm]
     if last is None or not shared:
-        return Mark.FIRST, "there is no earlier run of these cases"
+        return Mark.UNJUDGED, "there is no earlier run of these cases"
     changed = [case for case in shared if point.digests.get(case) != last.digests.get(case)]
     if not changed:
         return Mark.SAME, f"all {len(shared)} digests unchanged"
@@ -130,6 +130,8 @@ def _accuracy(point: Point, last: Point | None) -> tuple[Mark, str]:
     middle = statistics.median(gaps)
     why = f"{len(changed)} of {len(shared)} digests changed; RMSE {middle:+.4f} mm in the median, sign test p = {p:.2g}"
     why += f"; other arms: {', '.join(others)}" if others else ""
+    if abs(middle) >= WORTH_MM and 2.0 ** (1 - above - below) >= SIGNIFICANCE:  # p of that many alike signs
+        return Mark.UNJUDGED, f"{why}; {above + below} cases are too few to tell a difference from chance"
     if p >= SIGNIFICANCE or abs(middle) < WORTH_MM:
         return Mark.SAME, why
     return (Mark.WORSE if middle > 0 else Mark.BETTER), why
@@ -146,7 +148,7 @@ def _ranked(error_mm: float) -> float:
 
 def _success(point: Point, last: Point | None) -> tuple[Mark, str]:
     if last is None or point.rmse_commanded_mm.keys() != last.rmse_commanded_mm.keys():
-        return Mark.FIRST, "there is no earlier run of the same cases"
+        return Mark.UNJUDGED, "there is no earlier run of the same cases"
     why = f"{point.successes} of {len(point.rmse_commanded_mm)} succeeded, {last.successes} before"
     if point.successes == last.successes:
         return Mark.SAME, why
@@ -156,7 +158,7 @@ def _success(point: Point, last: Point | None) -> tuple[Mark, str]:
 def _time(point: Point, history: Sequence[Point]) -> tuple[Mark, str]:
     known = [p.step_ms for p in history if p.step_ms is not None]
     if point.step_ms is None or len(known) < LEAST_HISTORY:
-        return Mark.FIRST, f"needs {LEAST_HISTORY} earlier runs on this machine, there are {len(known)}"
+        return Mark.UNJUDGED, f"needs {LEAST_HISTORY} earlier runs on this machine, there are {len(known)}"
     middle = statistics.median(known)
     deviation = _NORMAL * statistics.median(abs(step - middle) for step in known)
     allowed = max(SPREADS * deviation, FLOOR * middle)

@@ -20,7 +20,19 @@ from service.api.middleware.request_log import RequestLog
 from service.api.ownership import check_owner
 from service.api.readiness import readings
 from service.api.root_path import RootPath
-from service.api.routes import campaigns, events, jobs, keys, models, operations, results, schedules, system, uploads
+from service.api.routes import (
+    campaigns,
+    events,
+    job_edits,
+    jobs,
+    keys,
+    models,
+    operations,
+    results,
+    schedules,
+    system,
+    uploads,
+)
 from service.version import installed_version
 from service.web import api_page, assets, login, side_by_side, site, viewer
 from service.web import campaigns as campaign_pages
@@ -40,7 +52,7 @@ if TYPE_CHECKING:
 DESCRIPTION = """Robotic needle insertions in deforming tissue, as jobs: submit a scenario, follow it, fetch its
 metrics, series and recording. Every error is `application/problem+json` (RFC 9457)."""
 
-ROUTES = (jobs, events, results, campaigns, schedules, models, uploads, keys, system, operations)
+ROUTES = (jobs, job_edits, events, results, campaigns, schedules, models, uploads, keys, system, operations)
 PAGES = (
     *(login, job_pages, side_by_side, api_page, campaign_pages, suite_pages, schedule_pages, model_pages),
     *(upload_pages, service_pages, key_pages, viewer, assets),

@@ -28,6 +28,8 @@ JOB: dict[str, Any] = {
     "priority": 0,
     "timeout_s": 3600.0,
     "pinned": False,
+    "tags": ["liver", "paper-2"],
+    "note": "",
     "progress": {
         "fraction": 0.5,
         "step": 611,
@@ -132,6 +134,7 @@ EXAMPLES: dict[str, dict[str, Any]] = {
         "id": _SCHEDULE,
         "name": "nightly",
         "cron": "0 2 * * *",
+        "words": "At 02:00 every day",
         "timezone": "Europe/Paris",
         "catchup": "latest",
         "overlap": "forbid",

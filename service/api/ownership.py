@@ -10,7 +10,7 @@ from collections.abc import Callable, Mapping
 
 from fastapi import Request
 
-from service.access import ADMIN, SAFE_METHODS
+from service.access import ADMIN, SAFE_METHODS, Caller
 from service.api.context import Service, ServiceOf
 
 Owner = Callable[[Service, str], str | None]
@@ -31,9 +31,14 @@ def check_owner(request: Request, service: ServiceOf) -> None:
     caller = request.state.caller
     for name, value in request.path_params.items():
         if name in OWNERS:
-            thing, owner_of = OWNERS[name]
-            caller.require_owner(owner_of(service, value), f"{thing} {value}")
+            require_owner(caller, service, name, value)
         elif name in FOR_ADMINS:
             caller.require(ADMIN, f"{request.method} {request.url.path[:100]}")
         else:
             raise LookupError(f"{request.url.path[:100]}: nobody knows who owns {name}")
+
+
+def require_owner(caller: Caller, service: Service, name: str, value: str) -> None:
+    """The same rule for one of many things that a body names. Raises ForbiddenError, and 404s."""
+    thing, owner_of = OWNERS[name]
+    caller.require_owner(owner_of(service, value), f"{thing} {value}")

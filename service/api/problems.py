@@ -25,12 +25,14 @@ from service.store.errors import OperationalError
 from service.store.job import (
     IllegalTransitionError,
     InputGoneError,
+    JobChangedError,
     JobPinnedError,
     KeyReusedError,
     QueueFullError,
     UnknownJobError,
     UploadGoneError,
 )
+from service.store.job_lists import CursorError
 from service.store.keys import UnknownKeyError
 from service.store.models import UnknownModelError
 from service.store.schedule import ScheduleChangedError, ScheduleExistsError, UnknownScheduleError
@@ -54,11 +56,15 @@ CODE_OF: dict[type[Exception], str] = {  # of errors whose own message is the de
     UnknownUploadError: "upload-unknown",
     CampaignActiveError: "campaign-state",
     CampaignPinnedError: "campaign-pinned",
+    CursorError: "invalid",
     IllegalTransitionError: "job-state",
+    InputGoneError: "job-input-gone",
+    JobChangedError: "version-changed",
     JobPinnedError: "job-pinned",
     ScheduleExistsError: "schedule-exists",
     UploadInUseError: "upload-in-use",
     ScheduleChangedError: "version-changed",
+    UploadGoneError: "upload-gone",
     UploadsFullError: "uploads-full",
     DamagedFileError: "file-damaged",
 }
@@ -155,7 +161,8 @@ def install(app: FastAPI, *, page: Callable[[Request, int, str, str], Response] 
 
 def _handler_of(code: str) -> Handler:
     def handler(request: Request, error: Exception) -> Response:
-        return _reply(request, CODES[code][0], str(error), code=code)
+        fields = getattr(error, "problems", None)
+        return _reply(request, CODES[code][0], str(error), errors=fields, code=code)
 
     return handler
 
@@ -254,16 +261,6 @@ def _on_busy(request: Request, error: Exception) -> Response:
     return _reply(request, 503, str(error), headers={"Retry-After": "10"}, code="busy")
 
 
-def _on_gone(request: Request, error: Exception) -> Response:
-    assert isinstance(error, UploadGoneError)
-    return _reply(request, 422, str(error), errors=error.problems, code="upload-gone")
-
-
-def _on_input_gone(request: Request, error: Exception) -> Response:
-    assert isinstance(error, InputGoneError)
-    return _reply(request, 409, str(error), errors=error.problems, code="job-input-gone")
-
-
 def database_refusal(request: Request, error: Exception) -> Response:
     """503 for a full disk, a locked database or a data folder that became read-only; nothing was changed."""
     assert isinstance(error, OperationalError)
@@ -292,8 +289,6 @@ _HANDLERS: dict[type[Exception], Handler] = {
     KeyReusedError: _on_key,
     QueueFullError: _on_full,
     AdmissionBusyError: _on_busy,
-    UploadGoneError: _on_gone,
-    InputGoneError: _on_input_gone,
     OperationalError: database_refusal,
     OSError: _on_disk,
     Exception: _on_crash,

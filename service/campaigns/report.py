@@ -31,6 +31,15 @@ def report(campaign: Campaign, cases: Sequence[CampaignCase]) -> dict[str, Any]:
     return document(results, timing=results, recordings=shown, scale=campaign.name, provenance=provenance)
 
 
+def page_of_outcomes(
+    results: Sequence[Outcome], *, name: str, axes: dict[str, list[Any]] | None, provenance: dict[str, Any]
+) -> str:
+    """The page of a campaign without a service. axes: of a grid; None for a named suite."""
+    if axes:
+        return grid_page.html(grid_report.document(results, axes, name=name, links={}, provenance=provenance))
+    return html(document(results, timing=results, recordings={}, scale=name, provenance=provenance))
+
+
 def _provenance(campaign: Campaign, results: Sequence[Outcome]) -> dict[str, Any]:
     source = origin(results)
     names = ("commit", "versions", "platform", "cpu", "cpu_count")

@@ -68,10 +68,10 @@ def bench(
 ) -> None:
     """Measure how fast the simulator is, what it costs and what its results owe to the discretisation.
 
-    Without a NAME everything that measures time or memory is run; `convergence`, `work-precision`, `sweeps` and
-    `forces` are studies and are run when they are named. Times are also given in L0, a frozen unit measured in the same
-    run: one back-solve of SciPy's SuperLU and one pass of a plain force loop. Measure on a machine that does nothing
-    else.
+    Without a NAME everything that measures time or memory is run; `convergence`, `work-precision`, `sweeps`,
+    `cluster` and `forces` are studies and are run when they are named. Times are also given in L0, a frozen unit
+    measured in the same run: one back-solve of SciPy's SuperLU and one pass of a plain force loop. Measure on a machine
+    that does nothing else.
 
     \b
     What there is:             needlebench bench --list
@@ -120,7 +120,7 @@ def _measure(names: list[str], json_file: Path | None, folder: Path, quick: bool
     from benchmarks.measurements import figure_table
     from benchmarks.ports import BenchPorts
     from benchmarks.registry import run_suite
-    from service.local.bench_ports import bench_crew, recorder
+    from service.local.bench_ports import bench_crew, cluster_cost, recorder
     from simcore.rollout.artefacts import replace_atomically
 
     _writable(folder, "--out")
@@ -140,6 +140,7 @@ def _measure(names: list[str], json_file: Path | None, folder: Path, quick: bool
             quick=quick,
             kept=lambda name: _text_of(folder / name),
             keep=lambda name, text: replace_atomically(folder / name, functools.partial(_fill, text)),
+            cluster=lambda tasks, workers: cluster_cost(tasks, workers, Path(scratch) / "cluster"),
         )
         parts = run_suite(names, ports)
     report = document(parts, date=date, quick=quick, load_before=before, load_after=_load())

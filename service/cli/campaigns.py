@@ -20,6 +20,7 @@ from service.cli.campaign_text import (
     trend_line,
     where,
 )
+from service.cli.cluster.campaign_here import folder_options, run_here
 from service.cli.connection import data_option, service_client, url_option, with_field_errors
 from simcore.errors import Problem, ScenarioError
 
@@ -99,6 +100,7 @@ def suites(url: str | None) -> None:
 @click.option("--csv", "csv_file", metavar="FILE", type=_file, help="Write a table, one line per insertion.")
 @click.option("--report", "report_file", metavar="FILE", type=_file, help="Write the report page.")
 @click.option("--fail-on-regression", is_flag=True, help="Exit with 1 if it is worse than earlier runs of the suite.")
+@folder_options
 @data_option
 @url_option
 @click.pass_context
@@ -119,6 +121,14 @@ def run(
     By cron or in CI:         needlebench campaign run lin100-v2-quick --fail-on-regression --csv table.csv
 
     \b
+    Without a service:        needlebench campaign run lin100-v2 --out out/lin --workers 2
+    On a cluster:             needlebench campaign run lin100-v2 --out out/lin --cluster file:cluster/scheduler.json
+
+    With --out nothing is kept in the data folder: DIR has each insertion with its series as soon as it has ended, and
+    campaign.parquet in the end; the same command goes on where it was interrupted. `needlebench bundle make DIR` and
+    `dataset --from DIR` take it.
+
+    \b
     Exit code: 0 done; 1 a regression (with --fail-on-regression), or jobs without a result
                2 bad input; 130 Ctrl-C
     """
@@ -128,6 +138,8 @@ def run(
             raise ScenarioError([Problem(option, str(file), f"there is no folder {file.absolute().parent}")])
     if url is None and not detach:
         check_request(request)
+    if run_here(ctx, request, {**options, "url": url, "data": data, "detach": detach}):
+        return
     with _service(url, data, detach) as client:
         if options["dry_run"]:
             print_plan(client.plan_campaign(request))

@@ -1,4 +1,4 @@
-"""The commands about jobs of a service: submit, jobs, show, cancel, retry, pin, unpin."""
+"""The commands about jobs of a service: submit, jobs, show, edit, cancel, retry, pin, unpin."""
 
 from __future__ import annotations
 
@@ -89,19 +89,21 @@ def _read(source: str, changes: tuple[str, ...]) -> Any:
 @click.command()
 @click.option("--state", metavar="STATE", help="Only queued, running, finished, failed, cancelled or timed_out.")
 @click.option("--outcome", metavar="OUTCOME", help="Only finished ones: success, missed, or a status, as target_lost.")
+@click.option("--tag", metavar="TAG", help="Only those with this tag.")
 @click.option("--limit", type=click.IntRange(1, 10_000), default=20, show_default=True, help="Most jobs listed.")
 @click.option("--json", "as_json", is_flag=True, help="One JSON object per line.")
 @url_option
-def jobs(state: str | None, outcome: str | None, limit: int, as_json: bool, url: str | None) -> None:
+def jobs(state: str | None, outcome: str | None, tag: str | None, limit: int, as_json: bool, url: str | None) -> None:
     """List the jobs of a service, newest first.
 
     \b
     The running ones:         needlebench jobs --state running
     That lost their target:   needlebench jobs --outcome target_lost
+    Of one study:             needlebench jobs --tag liver
     For other programs:       needlebench jobs --limit 1000 --json
     """
     with service_client(url) as client:
-        for job in list(client.jobs(state=state, outcome=outcome, limit=limit)):
+        for job in list(client.jobs(state=state, outcome=outcome, tag=tag, limit=limit)):
             click.echo(json.dumps(job.raw) if as_json else _line(job))
 
 
@@ -140,7 +142,9 @@ def _line(job: JobStatus) -> str:
     rmse = (job.metrics or {}).get("rmse_commanded_mm")
     measured = f"rmse {rmse:.3f} mm" if isinstance(rmse, float) else (job.error or {}).get("kind", "")
     share = f"{100 * job.progress.fraction:3.0f} %"
-    return f"{job.id}  {job.created_at[:19]}  {job.outcome or job.state:<14} {share}  {job.name}  {measured}".rstrip()
+    tags = f"  [{', '.join(job.tags)}]" if job.tags else ""
+    ended = f"{job.outcome or job.state:<14}"
+    return f"{job.id}  {job.created_at[:19]}  {ended} {share}  {job.name}{tags}  {measured}".rstrip()
 
 
 def _print_end(client: Client, job: JobStatus) -> None:
@@ -178,6 +182,31 @@ def show(job_id: str, part: str | None, url: str | None) -> None:
 def _event_line(event: JobEvent) -> str:
     more = ", ".join(f"{name} {value}" for name, value in (event.data or {}).items())
     return f"{(event.at or '')[:19]}  attempt {event.attempt}  {event.kind:<16}  {more}".rstrip()
+
+
+@click.command()
+@click.argument("job_id", metavar="JOB")
+@click.option("--name", metavar="TEXT", help="Another name; the scenario keeps its own.")
+@click.option("--tag", "tags", metavar="TAG", multiple=True, help="One of its tags, in the place of all; repeatable.")
+@click.option("--no-tags", is_flag=True, help="Remove its tags.")
+@click.option("--note", metavar="TEXT", help="Another note; an empty one removes it.")
+@url_option
+def edit(
+    job_id: str, name: str | None, tags: tuple[str, ...], no_tags: bool, note: str | None, url: str | None
+) -> None:
+    """Change name, tags and note of a job. What is not given stays.
+
+    \b
+    To find it again:         needlebench edit JOB --tag liver --tag paper-2
+    To remember why:          needlebench edit JOB --note "friction doubled"
+    """
+    if tags and no_tags:
+        raise click.UsageError("--tag and --no-tags exclude each other")
+    if name is None and note is None and not tags and not no_tags:
+        raise click.UsageError("nothing to change: give --name, --tag, --no-tags or --note")
+    with service_client(url) as client:
+        job = client.edit(job_id, name=name, tags=tags if tags or no_tags else None, note=note)
+        click.echo(f"{job.id} {job.name}" + (f" [{', '.join(job.tags)}]" if job.tags else ""))
 
 
 @click.command()

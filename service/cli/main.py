@@ -36,6 +36,7 @@ _COMMANDS = {  # name -> (module, what it does); the order is that of the help
     "models": ("models", "List the models of a service, or train one."),
     "mesh": ("meshes", "Show what a mesh file holds: extents, quality, sets, places to enter."),
     "example": ("learning", "Print an example to start from, such as a controller of your own."),
+    "edit": ("jobs", "Change name, tags and note of a job."),
     "retry": ("jobs", "Run a failed or cancelled job of a service again."),
     "pin": ("jobs", "Keep a job when old ones are removed."),
     "unpin": ("jobs", "Allow a pinned job to be removed."),
@@ -51,6 +52,7 @@ _COMMANDS = {  # name -> (module, what it does); the order is that of the help
     "doctor": ("operations", "Check this installation: versions, cache, disk, port, viewer, data folder."),
     "key": ("keys", "Create, list and revoke the API keys of a data folder."),
     "campaign": ("campaigns", "Run suites and parameter grids, compare them, show their trend."),
+    "cluster": ("cluster.commands", "Start the processes of a cluster, or write the scripts for Slurm."),
     "schedule": ("schedules", "Run campaigns at set times."),
     "bench": ("bench", "Measure speed and convergence, or compare two measurements."),
 }

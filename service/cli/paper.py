@@ -6,11 +6,12 @@ import csv
 import io
 import json
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import click
 
 from service.blas_threads import one_thread
+from service.cli.cluster.options import cluster_address, cluster_options
 from simcore.errors import Problem, ScenarioError
 
 if TYPE_CHECKING:
@@ -19,6 +20,7 @@ if TYPE_CHECKING:
     from benchmarks.paper.pipeline import Findings
     from benchmarks.paper.plan import Plan
     from benchmarks.paper.scale import AnyScale
+    from service.local.experiment import RunOptions
 
 
 @click.command()
@@ -46,6 +48,7 @@ if TYPE_CHECKING:
     show_default=True,
     help="Processes, one thread each; times are measured with one.",
 )
+@cluster_options
 @click.option("--plan", "only_plan", is_flag=True, help="Say what would be run, how long it takes, and end.")
 @click.option("--any-commit", is_flag=True, help="Go on with a folder that another commit began.")
 @click.option(
@@ -54,9 +57,7 @@ if TYPE_CHECKING:
     help="Make the run in the folder one of this scale, if mesh, time step, data set and models are the same.",
 )
 @click.option("--fields", is_flag=True, help="Print the scale as JSON, with every field, and end.")
-def paper(
-    scale_name: str, path: Path, workers: int, only_plan: bool, any_commit: bool, extend: bool, fields: bool
-) -> None:
+def paper(scale_name: str, path: Path, workers: int, extend: bool, fields: bool, **options: Any) -> None:
     """Rerun the paper: data set, ELM, test insertions, timing, statistics, report.
 
     Each finished insertion is stored at once. Interrupted by Ctrl-C, a kill or a power cut, the same command goes on
@@ -67,6 +68,7 @@ def paper(
     A first look, coarse:             needlebench paper --scale quick --out out/quick
     The paper, about an hour:         needlebench paper --scale full --out out/paper
     What would that be:               needlebench paper --scale full --plan
+    On a cluster:                     needlebench paper --scale full --cluster file:cluster/scheduler.json
     More of it, keeping what is done: needlebench paper --scale extended --out out/paper --extend
     A scale of one's own:             needlebench paper --scale full --fields > mine.json
                                       needlebench paper --scale mine.json
@@ -84,7 +86,7 @@ def paper(
     from benchmarks.paper.pipeline import rerun
     from benchmarks.paper.plan import Plan
     from benchmarks.paper.scale import SCALES
-    from service.local.experiment import RunOptions, carry_out
+    from service.local.experiment import carry_out
 
     scale = read_scale(scale_name, SCALES)
     if fields:
@@ -93,7 +95,7 @@ def paper(
     plan = Plan(scale)
     carry_out(
         plan,
-        RunOptions(path, workers, only_plan, any_commit, extend),
+        _run_options(path, workers, extend, **options),
         lambda ports: rerun(plan, ports),
         lambda findings, wall_s: write_report(findings, plan, path, wall_s=wall_s, workers=workers),
     )
@@ -118,10 +120,11 @@ def paper(
     help="Folder of this run; the same command goes on where it was interrupted.",
 )
 @click.option("--workers", type=click.IntRange(1, 64), default=2, show_default=True, help="Processes, one thread each.")
+@cluster_options
 @click.option("--plan", "only_plan", is_flag=True, help="Say what would be run, how long it takes, and end.")
 @click.option("--any-commit", is_flag=True, help="Go on with a folder that another commit began.")
 @click.option("--fields", is_flag=True, help="Print the scale as JSON, with every field, and end.")
-def settle(scale_name: str, path: Path, workers: int, only_plan: bool, any_commit: bool, fields: bool) -> None:
+def settle(scale_name: str, path: Path, workers: int, fields: bool, **options: Any) -> None:
     """Run the experiment that settles the claim on curved paths: 20 cells along 80 paths.
 
     I-FEM and ELM on two plants, with and without delay, and I-FEM with the remote centre weighted in three ways or
@@ -147,7 +150,7 @@ def settle(scale_name: str, path: Path, workers: int, only_plan: bool, any_commi
     from benchmarks.settling.plan import SettlingPlan
     from benchmarks.settling.report import write
     from benchmarks.settling.scale import SCALES
-    from service.local.experiment import RunOptions, carry_out, origin_of
+    from service.local.experiment import carry_out, origin_of
 
     scale = read_scale(scale_name, SCALES)
     if fields:
@@ -156,12 +159,29 @@ def settle(scale_name: str, path: Path, workers: int, only_plan: bool, any_commi
     plan = SettlingPlan(scale)
     carry_out(
         plan,
-        RunOptions(path, workers, only_plan, any_commit, extend=None),
+        _run_options(path, workers, None, **options),
         lambda ports: run_stages(plan, ports),
         lambda outcomes, wall_s: write(
             outcomes, scale, path, origin_of(plan, outcomes, wall_s=wall_s, workers=workers)
         ),
     )
+
+
+def _run_options(
+    path: Path,
+    workers: int,
+    extend: bool | None,
+    *,
+    only_plan: bool,
+    any_commit: bool,
+    cluster_text: str | None,
+    **security: Any,
+) -> RunOptions:
+    from service.local.case_runner import Where
+    from service.local.experiment import RunOptions
+
+    where = Where(workers, cluster_address(cluster_text, **security))
+    return RunOptions(path, where, only_plan, any_commit, extend)
 
 
 def read_scale(name: str, scales: Mapping[str, AnyScale]) -> AnyScale:

@@ -71,7 +71,7 @@ def list_schedules(as_json: bool, url: str | None) -> None:
         for one in client.schedules():
             following = one["next_run_at"] or "paused"
             line = f"{one['id']}  {one['name']:<20}{one['cron']:<16}{one['timezone']:<16}next: {following}"
-            click.echo(json.dumps(one) if as_json else line)
+            click.echo(json.dumps(one) if as_json else f"{line}  ({one['words']})")
 
 
 @schedule.command()

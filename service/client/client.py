@@ -13,6 +13,7 @@ import httpx2
 
 from service.client.campaigns import CampaignCalls
 from service.client.connection import CannotWriteError, ServiceError, UnreachableError, part, refusal
+from service.client.job_edits import JobEdits
 from service.client.models import ModelCalls
 from service.client.records import JobEvent, JobStatus, Progress, UploadedFile
 from service.client.uploads import UploadCalls
@@ -41,7 +42,7 @@ _RETRIED_S = 30.0
 _PAUSE_S = 0.3  # before connecting again
 
 
-class Client(CampaignCalls, ModelCalls, UploadCalls):
+class Client(JobEdits, CampaignCalls, ModelCalls, UploadCalls):
     """A connection to one service. Use it as a context manager, or close it.
 
     url: as printed by `needlebench serve`. api_key: a key of the service, if it requires one.
@@ -86,13 +87,18 @@ class Client(CampaignCalls, ModelCalls, UploadCalls):
         return JobStatus.of(self._json("GET", f"/api/v1/jobs/{part(job_id)}"))
 
     def jobs(
-        self, *, state: str | None = None, outcome: str | None = None, limit: int | None = None
+        self,
+        *,
+        state: str | None = None,
+        outcome: str | None = None,
+        tag: str | None = None,
+        limit: int | None = None,
     ) -> Iterator[JobStatus]:
-        """Jobs, newest first, page by page; only those in a state, or that finished with an outcome."""
+        """Jobs, newest first, page by page; only those in a state, that finished with an outcome, or with a tag."""
         left, cursor = limit, None
         while left is None or left > 0:
             size = 100 if left is None else min(100, left)
-            params = {"state": state, "outcome": outcome, "limit": size, "cursor": cursor}
+            params = {"state": state, "outcome": outcome, "tag": tag, "limit": size, "cursor": cursor}
             page = self._json("GET", "/api/v1/jobs", params={k: v for k, v in params.items() if v is not None})
             yield from map(JobStatus.of, page["items"])
             left, cursor = None if left is None else left - len(page["items"]), page["next_cursor"]
@@ -147,14 +153,6 @@ class Client(CampaignCalls, ModelCalls, UploadCalls):
         """Queue a job again that failed, was cancelled or timed out."""
         return JobStatus.of(self._json("POST", f"/api/v1/jobs/{part(job_id)}/retry"))
 
-    def pin(self, job_id: str) -> JobStatus:
-        """Keep the job and its files when old jobs are removed."""
-        return JobStatus.of(self._json("POST", f"/api/v1/jobs/{part(job_id)}/pin"))
-
-    def unpin(self, job_id: str) -> None:
-        """Allow it to be removed again."""
-        self._request("DELETE", f"/api/v1/jobs/{part(job_id)}/pin")
-
     def events(self, job_id: str, *, after: int = 0) -> Iterator[JobEvent]:
         """The events of the job as they happen, until it has ended. Survives a restart of the service.
 
@@ -205,10 +203,6 @@ class Client(CampaignCalls, ModelCalls, UploadCalls):
         name, priority, timeout_s. The model of the job that finished is `model(job.metrics["model"])`."""
         return JobStatus.of(self._json("POST", "/api/v1/models/train", json={"data": data, "kind": kind, **settings}))
 
-    def delete(self, job_id: str) -> None:
-        """Delete a job that has ended, with all its files."""
-        self._request("DELETE", f"/api/v1/jobs/{part(job_id)}")
-
     def metrics(self, job_id: str) -> dict[str, Any]:
         """Metrics, timing and digest of a finished job."""
         return dict(self._json("GET", f"/api/v1/jobs/{part(job_id)}/metrics"))
@@ -220,6 +214,11 @@ class Client(CampaignCalls, ModelCalls, UploadCalls):
     def series(self, job_id: str, path: Path) -> Path:
         """Download series.npz (open it with numpy.load). Returns `path`."""
         return self._download(f"/api/v1/jobs/{part(job_id)}/series?format=npz", path)
+
+    def archive(self, job_id: str, path: Path) -> Path:
+        """Download all of a job that has ended as a ZIP archive: scenario, result, series, recording, log. Returns
+        `path`."""
+        return self._download(f"/api/v1/jobs/{part(job_id)}/zip", path)
 
     def verify(self, job_id: str, observer: Observer | None = None) -> Verdict:
         """Run the job's scenario again in this process and compare: identical, equal within 1e-6 mm, or different.

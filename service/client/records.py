@@ -6,7 +6,7 @@ from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any, Self
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping
+    from collections.abc import Mapping, Sequence
 
 TERMINAL = frozenset({"finished", "failed", "cancelled", "timed_out"})
 
@@ -50,6 +50,8 @@ class JobStatus:
     scenario: Mapping[str, Any] | None
     result: Mapping[str, Any] | None
     created_at: str
+    tags: Sequence[str]
+    note: str
     raw: Mapping[str, Any] = field(repr=False)
 
     @classmethod

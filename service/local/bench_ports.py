@@ -8,7 +8,7 @@ import time
 import uuid
 from typing import TYPE_CHECKING, Any
 
-from simcore.errors import NeedlebenchError
+from simcore.errors import NeedlebenchError, Problem, ScenarioError
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Sequence
@@ -16,6 +16,7 @@ if TYPE_CHECKING:
 
     from benchmarks.cases import Case, Outcome
     from benchmarks.observed_run import ObservedRun
+    from benchmarks.ports import ClusterCost
     from service.recording.observer import RerunObserver
     from service.worker.crew import Crew
     from simcore.scenario.scenario import Scenario
@@ -90,3 +91,13 @@ def _checked(outcome: Outcome) -> dict[str, Any]:
     if outcome.result["status"] == CRASHED:
         raise JobFailedError(outcome.result["message"])
     return outcome.result
+
+
+def cluster_cost(tasks: int, workers: int, folder: Path) -> ClusterCost:
+    """What tasks of 5 ms cost on a cluster of this machine. Raises ScenarioError without Dask."""
+    try:
+        from service.cluster.overhead import measure
+    except ModuleNotFoundError:
+        problem = "needs Dask: pip install 'needlebench[cluster]'"
+        raise ScenarioError([Problem("NAME", "cluster", problem)]) from None
+    return measure(tasks, workers, folder)

@@ -9,7 +9,6 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
-import simcore
 from benchmarks.bundles.archive import summed, total_bytes, write_archive
 from benchmarks.bundles.canonical import BundleError
 from benchmarks.bundles.cases_text import CaseRecord, cases_text, origin_of
@@ -37,7 +36,7 @@ from benchmarks.cautions import cautions
 from service.local.bundle_files import BundleFiles, private_lines
 from service.local.bundle_runs import ChosenRuns
 from service.local.bundle_source import GivenSource, Source, given_controllers, source_of
-from service.version import installed_version
+from service.version import installed_version, lock_sha256
 from simcore.arms import PLUGIN, REMOTE, Arm
 from simcore.provenance import commit
 from simcore.rollout.artefacts import replace_atomically
@@ -105,7 +104,7 @@ def draft_bundle(
         suite=_suite(source.suite, outcomes),
         arms=_arm_records(arms, records, sources),
         origins=origins,
-        made_with=Maker(version=installed_version(), commit=commit(), lock_sha256=_lock_sha256()),
+        made_with=Maker(version=installed_version(), commit=commit(), lock_sha256=lock_sha256()),
         chosen=Choice(seed=chosen.seed, asked=chosen.cases, cases=[one for one in wanted if one in full]),
         timing=runs.timing(outcomes) if full else None,
         warnings=_warnings(outcomes),
@@ -183,12 +182,6 @@ def _warnings(outcomes: Sequence[Outcome]) -> list[Warned]:
 def _file_record(name: str, content: bytes | Path) -> FileRecord:
     size, _, sha256 = summed(content)
     return FileRecord(name=name, bytes=size, sha256=sha256)
-
-
-def _lock_sha256() -> str | None:
-    """SHA-256 of the locked requirements of this checkout; None of an installed package."""
-    lock = Path(simcore.__file__).parents[1] / "requirements.lock"
-    return summed(lock)[2] if lock.is_file() else None
 
 
 def _say_private(contents: dict[str, bytes | Path], say: Callable[[str], None]) -> None:

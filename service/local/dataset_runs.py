@@ -1,4 +1,4 @@
-"""Many insertions for a data set, on worker processes of this machine; what is finished outlives an interruption."""
+"""Many insertions for a data set, on worker processes or a cluster; what is finished outlives an interruption."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from benchmarks.learning.training_insertions import Insertion
-from service.worker.crew import CRASHED, Crew
+from service.worker.crew import CRASHED
 from simcore.compiled import fingerprint
 from simcore.rollout.artefacts import replace_atomically
 from simcore.rollout.dataset import VARIABLES, DatasetError, table_one
@@ -21,6 +21,7 @@ if TYPE_CHECKING:
     from collections.abc import Generator, Sequence
 
     from benchmarks.cases import Case, Outcome
+    from service.local.case_runner import Where
 
 
 class InsertionCache:
@@ -61,7 +62,7 @@ class InsertionCache:
         replace_atomically(self._file(done.case), lambda file: np.savez(file, allow_pickle=False, **arrays))
 
 
-def insertions(cases: Sequence[Case], *, workers: int, cache: InsertionCache) -> Generator[Insertion, None, None]:
+def insertions(cases: Sequence[Case], *, where: Where, cache: InsertionCache) -> Generator[Insertion, None, None]:
     """Each insertion as soon as it is finished, those in the cache first; one case at a time on each worker.
 
     Raises DatasetError for an insertion that left no result. Whoever stops asking stops the workers.
@@ -74,7 +75,12 @@ def insertions(cases: Sequence[Case], *, workers: int, cache: InsertionCache) ->
         else:
             waiting.append(case)
     cache.folder.mkdir(parents=True, exist_ok=True)
-    with Crew(workers, folder=cache.folder, files=Path.cwd()) as crew, closing(crew.run_many(waiting)) as outcomes:
+    if not waiting:
+        return
+    with (
+        where.runner(folder=cache.folder, files=Path.cwd()) as crew,
+        closing(crew.run_many(waiting)) as outcomes,
+    ):
         for outcome in outcomes:
             done = cache.collect(outcome)
             cache.keep(done)

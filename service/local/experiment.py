@@ -14,8 +14,7 @@ from benchmarks.learning.training import train_model
 from benchmarks.paper.pipeline import commits, cpu_seconds
 from service.local.paper_folder import open_folder
 from service.local.paper_progress import minutes, progress_on
-from service.local.paper_run import PaperRun, check_needs, identity, measured_cost
-from service.worker.crew import Crew
+from service.local.paper_run import PaperRun, check_needs, identity, measured_cost, nearest_folder
 from service.worker.network_trainer import train_network
 from simcore import learning
 from simcore.provenance import machine
@@ -26,6 +25,8 @@ if TYPE_CHECKING:
     from benchmarks.cases import Outcome
     from benchmarks.paper.pipeline import PaperPorts
     from benchmarks.paper.plan import StagedPlan, StepCost
+    from service.local.case_runner import Where
+    from service.worker.crew import CaseRunner
     from simcore.rollout.dataset import Dataset
 
 Result = TypeVar("Result")
@@ -35,7 +36,7 @@ class RunOptions(NamedTuple):
     """How an experiment is run. extend: None = it cannot be extended."""
 
     path: Path
-    workers: int
+    where: Where
     only_plan: bool
     any_commit: bool
     extend: bool | None = None
@@ -51,20 +52,21 @@ def carry_out(
 
     write: result of the stages, wall time of this call in s -> path of the page.
     """
-    path, workers = options.path, options.workers
+    path, where = options.path, options.where
     if options.only_plan:
+        shared = None if where.cluster is None else nearest_folder(path)
         with (
-            tempfile.TemporaryDirectory(prefix="needlebench-") as scratch,
-            Crew(workers, folder=Path(scratch), files=Path(scratch)) as crew,
+            tempfile.TemporaryDirectory(prefix="needlebench-", dir=shared) as scratch,
+            where.runner(folder=Path(scratch), files=Path(scratch)) as crew,
         ):
-            _print_plan(plan, workers, crew)
+            _print_plan(plan, crew)
         return
-    check_needs(plan, path, workers)
+    check_needs(plan, path, where.workers if where.cluster is None else 0)
     with open_folder(path, identity(plan), any_commit=options.any_commit, extend=options.extend) as folder:
-        with Crew(workers, folder=folder.series, files=path.absolute()) as crew:
-            cost = _print_plan(plan, workers, crew)
+        with where.runner(folder=folder.series, files=path.absolute()) as crew:
+            cost = _print_plan(plan, crew)
             begun = time.monotonic()
-            with progress_on(plan, cost, workers) as listener:
+            with progress_on(plan, cost, max(1, crew.slots)) as listener:
                 result = PaperRun(folder, crew, listener, trainer(plan)).run(stages)
         page = write(result, time.monotonic() - begun)
     click.echo(page)
@@ -99,10 +101,11 @@ def origin_of(plan: StagedPlan, outcomes: Sequence[Outcome], *, wall_s: float, w
     }
 
 
-def _print_plan(plan: StagedPlan, workers: int, crew: Crew) -> StepCost:
+def _print_plan(plan: StagedPlan, crew: CaseRunner) -> StepCost:
     """Measure what a step costs, print the plan; the cost."""
     click.echo("measuring what a step costs (the first run on a machine compiles for one to two minutes)", err=True)
     cost = measured_cost(plan, crew)
+    workers = max(1, crew.slots)
     seconds = plan.seconds(cost, workers)
     steps_ms = f"{1e3 * cost.ifem_s:.1f} ms CPU a step with I-FEM, {1e3 * cost.plain_s:.1f} ms without"
     click.echo(f"scale {plan.scale.name}: {steps_ms}, {workers} workers")

@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Protocol
 
 from benchmarks.cases import Case, Outcome
+from service.local.campaign_folder import ABOUT, outcome_of, read_about, series_path, stored_lines
 from service.local.paper_folder import RESULTS, RUN, SERIES
 from simcore.arms import Arm, arm_names
 from simcore.errors import Problem, ScenarioError
@@ -80,11 +81,14 @@ class FolderInsertions:
 
 
 def insertions_in(folder: Path, *, name: str | None = None) -> FolderInsertions:
-    """The insertions of a folder: what `needlebench paper` or `settle` left there, the result of `needlebench run`, or
-    a folder of such results. name: of the suite. Raises ScenarioError, which says what is missing or unreadable."""
+    """The insertions of a folder: what `needlebench paper`, `settle` or `campaign run --out` left there, the result of
+    `needlebench run`, or a folder of such results. name: of the suite. Raises ScenarioError, which says what is missing
+    or unreadable."""
     folder = folder.absolute()
     if (folder / RUN).is_file():
         return _of_experiment(folder, name)
+    if (folder / ABOUT).is_file():
+        return _of_campaign(folder, name)
     results = [folder / artefacts.RESULT] if (folder / artefacts.RESULT).is_file() else []
     results = results or sorted(folder.glob(f"*/{artefacts.RESULT}"))
     if not results:
@@ -110,6 +114,18 @@ def _of_experiment(folder: Path, name: str | None) -> FolderInsertions:
     return FolderInsertions(
         name or title, tuple(outcomes), lambda one: folder / one, folder / KEPT, files, (folder / "models", folder)
     )
+
+
+def _of_campaign(folder: Path, name: str | None) -> FolderInsertions:
+    outcomes, files = list[Outcome](), dict[str, Path]()
+    for line in stored_lines(folder):
+        outcomes.append(outcome_of(line))
+        if line["series_sha256"] is not None:
+            files[line["id"]] = series_path(folder, line["series_sha256"])
+    if not outcomes:
+        raise _refusal(folder, "holds no finished insertion yet")
+    title = name or str(read_about(folder)["suite"])
+    return FolderInsertions(title, tuple(outcomes), Path.cwd().joinpath, folder / KEPT, files, (folder,))
 
 
 def _of_runs(folder: Path, results: Sequence[Path], name: str | None) -> FolderInsertions:

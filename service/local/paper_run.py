@@ -28,7 +28,7 @@ if TYPE_CHECKING:
 
     from benchmarks.cases import Case, Outcome
     from benchmarks.paper.pipeline import PaperPorts
-    from service.worker.crew import Crew
+    from service.worker.crew import CaseRunner
 
 WORKER_MB = 350  # that a worker holds, at least [ours]
 SPARE = 1.2  # of the estimated disk space
@@ -63,10 +63,10 @@ def identity(plan: StagedPlan) -> dict[str, Any]:
     return {"schema": plan.schema, "scale": scale, "plan_sha256": plan.sha256, "commit": commit()}
 
 
-def measured_cost(plan: StagedPlan, crew: Crew) -> StepCost:
+def measured_cost(plan: StagedPlan, crew: CaseRunner) -> StepCost:
     """CPU seconds of a step, from two insertions at the plan's discretisation. Raises CostProbeError."""
     each = {}
-    with tempfile.TemporaryDirectory(prefix="needlebench-") as scratch:
+    with tempfile.TemporaryDirectory(prefix="needlebench-", dir=crew.scratch) as scratch:
         for outcome in crew.run_many(probes(plan.scale), folder=Path(scratch)):
             if "cost" not in outcome.result:
                 raise CostProbeError(f"{outcome.case.id}: {outcome.result['message']}")
@@ -75,14 +75,15 @@ def measured_cost(plan: StagedPlan, crew: Crew) -> StepCost:
 
 
 def check_needs(plan: StagedPlan, path: Path, workers: int) -> None:
-    """Look at whatever the run will need before it begins: scikit-learn, a folder that can be written, space, memory.
+    """Look at whatever the run will need before it begins: scikit-learn, a folder that can be written, space, memory
+    of this machine for so many workers.
 
     Raises ScenarioError, MissingScikitLearnError.
     """
     learns_network = any(case.scenario.get("controller", {}).get("kind") == "mlp" for case in _cases(plan))
     if learns_network and not (path / model_names()["mlp"]).exists():
         require_scikit_learn()
-    there = _nearest(path)
+    there = nearest_folder(path)
     if not (there.is_dir() and os.access(there, os.W_OK | os.X_OK)):
         raise ScenarioError([Problem("--out", str(path), f"cannot be written: {there} is not writable for this user")])
     enough_space(plan, path)
@@ -97,7 +98,7 @@ def _cases(plan: StagedPlan) -> Iterator[Case]:
         yield from stage.cases
 
 
-def _nearest(path: Path) -> Path:
+def nearest_folder(path: Path) -> Path:
     """The folder itself, or the nearest one above it that exists."""
     there = path.absolute()
     while not there.exists():
@@ -107,7 +108,7 @@ def _nearest(path: Path) -> Path:
 
 def enough_space(plan: StagedPlan, path: Path) -> None:
     """Raises ScenarioError if there is less space than the plan needs where the folder is or will be."""
-    there = _nearest(path)
+    there = nearest_folder(path)
     free = shutil.disk_usage(there).free
     if free < SPARE * plan.bytes:
         needed = f"needs about {plan.bytes / 1e6:.0f} MB and some to spare, {free / 1e6:.0f} MB are free"
@@ -119,7 +120,7 @@ class PaperRun:
     """One run, or its continuation. train: (kind, seed, data) -> text of a model file."""
 
     folder: PaperFolder
-    crew: Crew
+    crew: CaseRunner
     listener: ProgressListener
     train: Callable[[str, int, Dataset], str]
 

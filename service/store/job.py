@@ -5,11 +5,14 @@ from __future__ import annotations
 import hashlib
 import json
 from dataclasses import dataclass
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 from pydantic import AfterValidator, Field
 
 from simcore.errors import NeedlebenchError, Problem, Status
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
 
 QUEUED, RUNNING, FINISHED = "queued", "running", "finished"
 FAILED, CANCELLED, TIMED_OUT = "failed", "cancelled", "timed_out"
@@ -27,7 +30,25 @@ def _printable(text: str) -> str:
     return text
 
 
+def _tag(text: str) -> str:
+    """Tags are written side by side, with commas between them."""
+    if _printable(text) != text.strip() or "," in text:
+        raise ValueError("must have no comma, and no blank at its beginning or end")
+    return text
+
+
+def _note(text: str) -> str:
+    """Lines of printable characters."""
+    text = text.replace("\r\n", "\n").strip()
+    if not all(line.isprintable() for line in text.replace("\t", " ").split("\n")):
+        raise ValueError("must be lines of printable characters, without marks of direction")
+    return text
+
+
 Label = Annotated[str, Field(min_length=1, max_length=100), AfterValidator(_printable)]  # what people call a thing
+Tag = Annotated[str, Field(min_length=1, max_length=40), AfterValidator(_tag)]
+Note = Annotated[str, Field(max_length=4000), AfterValidator(_note)]
+MOST_TAGS = 20  # of one job
 TimeLimit = Annotated[float, Field(strict=True, ge=1, le=86400, allow_inf_nan=False)]  # of a job, s
 TIME_LIMIT = "Most wall time of an attempt; null = an hour, or four times the estimate if that is longer."
 
@@ -44,6 +65,7 @@ MAXIMUM_CRASHES = 3  # deaths of its worker that a job is forgiven, less one
 SUSPECT_DEATHS = 3  # of the whole server while a job ran, from which on it waits until nothing else is queued
 MAXIMUM_DEATHS = 10  # of the whole server while a job ran, after which they are laid to the job
 LOWEST_PRIORITY = -100
+ASIDE = frozenset({"pinned", "unpinned", "edited"})  # events that leave the state as it is
 CRASHED, REQUEUED = "crashed", "requeued"  # events: back in the queue, after a death or after an orderly stop
 
 
@@ -57,6 +79,10 @@ class IllegalTransitionError(NeedlebenchError):
     def __init__(self, job_id: str, state: str, wanted: str) -> None:
         self.job_id, self.state, self.wanted = job_id, state, wanted
         super().__init__(f"job {job_id} is {state}: it cannot become {wanted}")
+
+
+class JobChangedError(NeedlebenchError):
+    """Somebody else changed the job meanwhile."""
 
 
 class JobPinnedError(IllegalTransitionError):
@@ -161,6 +187,8 @@ class Job:
     owner: str | None = None
     kind: str = INSERTION
     outcome: str | None = None
+    tags: Sequence[str] = ()
+    note: str = ""
 
     @property
     def terminal(self) -> bool:

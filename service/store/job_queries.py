@@ -29,7 +29,6 @@ from service.store.job import (
     FINISHED,
     INSERTION,
     MISSED,
-    OUTCOMES,
     QUEUED,
     RUNNING,
     SUCCESS,
@@ -49,7 +48,8 @@ if TYPE_CHECKING:
     from service.settings import Limits
 
 JOB = schema.job
-COLUMNS = [JOB.c[field.name] for field in fields(Job)]
+FIELDS = [field.name for field in fields(Job)]
+COLUMNS = [JOB.c[name] for name in FIELDS]
 LISTED = [literal(None).label(c.name) if c.name in ("spec", "result") else c for c in COLUMNS]
 WHOLE = select(*COLUMNS).where(JOB.c.id == bindparam("job_id"))
 BRIEF = select(*LISTED).where(JOB.c.id == bindparam("job_id"))
@@ -84,7 +84,8 @@ BEAT = (
     .values(heartbeat_at=bindparam("now"))
 )
 MOVE = OF_ATTEMPT.returning(*COLUMNS)
-MEANWHILE = [JOB.c[name] for name in ("version", "progress", "heartbeat_at", "cancel_requested", "pinned")]
+_SHARED = ("version", "progress", "heartbeat_at", "cancel_requested", "pinned", "name", "tags", "note")
+MEANWHILE = [JOB.c[name] for name in _SHARED]
 END = OF_ATTEMPT.returning(*MEANWHILE)  # what others may have changed since the claim; the rest is known
 _CANCELLED = select(JOB.c.cancel_requested).where(JOB.c.id == bindparam("job_id"))
 _MOST_EVENTS = 1000
@@ -113,43 +114,6 @@ class JobQueries(Transactions):
         with self.reading() as connection:
             return bool(connection.execute(_CANCELLED, {"job_id": job_id}).scalar_one_or_none() in (True, None))
 
-    def newest(
-        self,
-        *,
-        state: str | None = None,
-        outcome: str | None = None,
-        name: str | None = None,
-        campaign: str | None = None,
-        containing: str = "",
-        alone: bool = False,
-        limit: int = 50,
-        before: int | None = None,
-    ) -> list[Job]:
-        """Jobs without spec and result, newest first, those that arrived before sequence number `before`.
-
-        campaign: id of the one that they belong to. alone: only those that belong to none. containing: a part of the
-        name, whatever its case, or the beginning of the id.
-        """
-        query = select(*LISTED).order_by(JOB.c.seq.desc()).limit(limit)
-        if containing:
-            within = func.instr(func.lower(JOB.c.name), containing.lower()) > 0
-            query = query.where(within | JOB.c.id.startswith(containing, autoescape=True))
-        if alone:
-            query = query.where(~exists().where(campaign_case.c.job_id == JOB.c.id))
-        if outcome is not None:
-            query = query.where(JOB.c.outcome == outcome)
-        if state is not None:
-            query = query.where(JOB.c.state == state)
-        if name is not None:
-            query = query.where(JOB.c.name == name)
-        if campaign is not None:
-            of_it = select(campaign_case.c.job_id).where(campaign_case.c.campaign_id == campaign)
-            query = query.where(JOB.c.id.in_(of_it))
-        if before is not None:
-            query = query.where(JOB.c.seq < before)
-        with self.reading() as connection:
-            return [to_job(row) for row in connection.execute(query)]
-
     def running(self) -> list[Job]:
         """Every job that runs, or ran when the server died, in the order of arrival; without spec and result."""
         query = select(*LISTED).where(JOB.c.state == RUNNING).order_by(JOB.c.seq)
@@ -177,20 +141,6 @@ class JobQueries(Transactions):
             return [
                 to_job(row) for row in connection.execute(query.order_by(JOB.c.finished_at.desc(), JOB.c.seq.desc()))
             ]
-
-    def counts(self) -> dict[str, int]:
-        """How many jobs there are in each state, those with none included."""
-        query = select(JOB.c.state, func.count().label("jobs")).group_by(JOB.c.state)
-        with self.reading() as connection:
-            found = {row.state: row.jobs for row in connection.execute(query)}
-        return {state: found.get(state, 0) for state in schema.STATES}
-
-    def outcomes(self) -> dict[str, int]:
-        """How many jobs finished with each outcome, those with none left out; in the order of `OUTCOMES`."""
-        query = select(JOB.c.outcome, func.count().label("jobs")).where(JOB.c.outcome.is_not(None))
-        with self.reading() as connection:
-            found = {row.outcome: row.jobs for row in connection.execute(query.group_by(JOB.c.outcome))}
-        return {outcome: found[outcome] for outcome in OUTCOMES if outcome in found}
 
     def before(self, job: Job) -> int:
         """How many queued jobs will begin before this one, at most, if no more are queued."""
@@ -256,7 +206,7 @@ def read(connection: Connection, job_id: str, query: Select[Any] = WHOLE) -> Job
 
 def to_job(row: Row[Any]) -> Job:
     """A row of the job table."""
-    columns = dict(row._mapping)
+    columns = {name: row._mapping[name] for name in FIELDS}
     return Job(**{**columns, "timeout_s": float(columns["timeout_s"])})  # SQLite returns 3.0 as 3
 
 

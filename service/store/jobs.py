@@ -6,7 +6,7 @@ import secrets
 import time
 from typing import TYPE_CHECKING, Any
 
-from sqlalchemy import Engine, delete, insert, update
+from sqlalchemy import Engine, delete, insert
 
 from service.settings import Limits
 from service.store import schema
@@ -28,6 +28,7 @@ from service.store.job import (
     JobPinnedError,
     Outcome,
 )
+from service.store.job_notes import JobNotes
 from service.store.job_queries import (
     BEAT,
     BRIEF,
@@ -40,7 +41,7 @@ from service.store.job_queries import (
     read,
     to_job,
 )
-from service.store.transitions import Transitions, attempt_key, end_data
+from service.store.transitions import attempt_key, end_data
 from service.store.turns import lane_of
 from service.store.upload_references import check_uploads, missing
 
@@ -48,7 +49,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Collection
 
 
-class Store(Transitions):
+class Store(JobNotes):
     """Jobs, artefacts and events. `now` gives UTC seconds since 1970; `listen` says who hears of each changed job."""
 
     def __init__(
@@ -242,19 +243,6 @@ class Store(Transitions):
             self._log(connection, moved, QUEUED, {"retry_of": job.state, "error": job.error})
         self.notify(job_id)
         return moved
-
-    def pin(self, job_id: str, *, pinned: bool) -> Job:
-        """Keep a job out of every retention, or no longer. Idempotent."""
-        with self._write() as connection:
-            job = read(connection, job_id)
-            if job.pinned == pinned:
-                return job
-            values = {"pinned": pinned, "version": JOB.c.version + 1}
-            connection.execute(update(JOB).where(JOB.c.id == job_id).values(**values))
-            self._log(connection, job, "pinned" if pinned else "unpinned")
-            job = read(connection, job_id)
-        self.notify(job_id)
-        return job
 
     def cancel(self, job_id: str) -> Job:
         """Cancel a queued job, ask a running one to stop. Idempotent. Raises IllegalTransitionError."""

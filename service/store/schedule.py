@@ -90,6 +90,11 @@ def next_ticks(cron: str, timezone: str, after: float, count: int) -> list[float
     return [moment.timestamp() for moment in islice(_line(cron, timezone, after), count)]
 
 
+def in_words(cron: str, timezone: str) -> str:
+    """The cron line as a sentence, as in "At 02:00 every day". Raises ScenarioError."""
+    return str(_line(cron, timezone, 0.0).explain())
+
+
 def check(cron: str, timezone: str) -> None:
     """Raises ScenarioError when the line or the zone cannot be understood."""
     next_tick(cron, timezone, 0.0)

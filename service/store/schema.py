@@ -24,7 +24,7 @@ from sqlalchemy import (
     text,
 )
 
-REVISION = "campaign_lanes"  # of the newest migration
+REVISION = "job_notes"  # of the newest migration
 STATES = ("queued", "running", "finished", "failed", "cancelled", "timed_out")
 
 metadata = MetaData(
@@ -71,6 +71,8 @@ job = Table(
     Column("owner", String(32)),  # the API key that submitted it; null where none was asked for
     Column("kind", String(16), nullable=False, server_default="insertion"),  # what its worker does: `jobs.KINDS`
     Column("lane", String(70), nullable=False, server_default="/"),  # owner/campaign: those of a priority take turns
+    Column("tags", JSON, nullable=False, server_default=text("'[]'")),  # in the order in which they were given
+    Column("note", Text, nullable=False, server_default=""),
     CheckConstraint("state IN ('queued', 'running', 'finished', 'failed', 'cancelled', 'timed_out')", name="state"),
     sqlite_autoincrement=True,
 )

@@ -6,6 +6,7 @@ from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
 from service.store.job import LEGAL, IllegalTransitionError, Job, Outcome, outcome_of
+from service.store.job_lists import JobLists
 from service.store.job_queries import (
     ARTEFACT,
     BRIEF,
@@ -16,7 +17,6 @@ from service.store.job_queries import (
     HIGHEST,
     LANES,
     MOVE,
-    JobQueries,
     read,
     to_job,
 )
@@ -28,7 +28,7 @@ if TYPE_CHECKING:
     from sqlalchemy import Connection, Engine
 
 
-class Transitions(JobQueries):
+class Transitions(JobLists):
     """What changes the state of a job and logs it; `service.store.jobs` says when."""
 
     def __init__(self, engine: Engine, *, now: Callable[[], float]) -> None:

@@ -4,24 +4,25 @@ from __future__ import annotations
 
 from contextlib import suppress
 from typing import TYPE_CHECKING, Annotated, Any
-from urllib.parse import urlencode
 
 from fastapi import APIRouter, Query, Request, Response
 
 from benchmarks.paper.table import ARM_NAMES
 from service.admission.cost import LEAST_LIMIT_S
 from service.api.context import Service, ServiceOf
-from service.api.parameters import Cursor, JobId
+from service.api.job_archive import archive_parts
+from service.api.parameters import JobId
 from service.api.schemas.campaigns import CampaignView
-from service.api.schemas.jobs import ArtefactView, EventView, JobRequest, JobSummary, JobView, Outcome, State
+from service.api.schemas.jobs import ArtefactView, EventView, JobRequest, JobSummary, JobView
 from service.campaigns.overview import overviews
 from service.display import flat
 from service.store.campaign import RUNNING as CAMPAIGN_RUNNING
 from service.store.job import FINISHED, QUEUED, RUNNING, TERMINAL, Job, UnknownJobError
+from service.store.job_lists import JobOrder
 from service.store.models import UnknownModelError
-from service.store.paging import read_page
 from service.web.form import scenario_form
 from service.web.job_facts import differences, measures, path_words, ways_to_run
+from service.web.job_list import COLUMNS, JobList, grouped
 from service.web.site import missing, page
 from service.web.still import still
 from simcore.scenario.point_rules import without_derived
@@ -38,52 +39,29 @@ _PLOTTED = 50_000  # steps up to which the series is drawn without a click
 
 
 @router.get("/")
-def get_jobs(
-    request: Request,
-    service: ServiceOf,
-    state: State | None = None,
-    outcome: Outcome | None = None,
-    search: Annotated[str, Query(alias="q", max_length=100)] = "",
-    every: Annotated[bool, Query(alias="all")] = False,
-    cursor: Cursor = None,
-) -> Response:
-    """Jobs, newest first, on the first page those that run before all others. A campaign is one line: its jobs are
-    listed where something is searched for or chosen, and with `all`."""
-    search = search.strip()
-    alone = not (every or search or state or outcome)
-    wanted: dict[str, Any] = {"state": state, "outcome": outcome, "containing": search, "alone": alone}
-
-    def newest(most: int, before: int | None) -> list[Job]:
-        return service.store.newest(**wanted, limit=most, before=before)
-
-    listed = read_page(newest, size=ROWS, cursor=cursor)
-    first = cursor is None and state is None and outcome is None
-    running = service.store.newest(**{**wanted, "state": RUNNING}, limit=ROWS) if first else []
+def get_jobs(request: Request, service: ServiceOf, shown: Annotated[JobList, Query()]) -> Response:
+    """Jobs, newest first, on the first page those that run before all others; or in the order that was chosen. A
+    campaign is one line: its jobs are listed where something is searched for or chosen, with `all`, and grouped."""
+    listed = service.store.page(shown.filter(), shown.order(), size=ROWS, cursor=shown.cursor)
+    running = (
+        service.store.page(shown.filter(state=RUNNING), JobOrder(), size=ROWS).items if shown.running_first else []
+    )
     ahead = {job.id for job in running}
     jobs = [*running, *(job for job in listed.items if job.id not in ahead)]
+    campaign_of = service.campaigns.of_jobs([job.id for job in jobs])
     return page(
         request,
         "jobs.html",
-        jobs=[JobSummary.of(job) for job in jobs],
-        campaign_of=service.campaigns.of_jobs([job.id for job in jobs]),
-        older_than=listed.next_cursor,
-        cursor=cursor,
-        wanted=state,
-        wanted_outcome=outcome,
-        search=search,
-        every=every,
-        kept=_kept(search, every=every),
+        shown=shown,
+        columns=shown.columns(),
+        all_columns=COLUMNS,
+        groups=grouped([JobSummary.of(job) for job in jobs], campaign_of, shown),
+        campaign_of=campaign_of,
+        following=listed.next_cursor,
         counts=service.store.counts(),
         outcomes=service.store.outcomes(),
-        campaigns=_latest_campaigns(service) if first and not search else [],
+        campaigns=_latest_campaigns(service) if shown.running_first and not shown.filtered else [],
         retriable=TERMINAL - {FINISHED},
-    )
-
-
-def _kept(search: str, *, every: bool) -> str:
-    """The part of an address that keeps what is searched for, beginning with &."""
-    return "".join(
-        f"&{part}" for part in (urlencode({"q": search}) if search else "", "all=1" if every else "") if part
     )
 
 
@@ -178,6 +156,7 @@ def get_job(job_id: JobId, request: Request, service: ServiceOf) -> Response:
         cpu_s=job.cpu_s,
         memory_mb=job.max_rss_mb,
         artefacts=artefacts,
+        archive=archive_parts(service, job) if job.terminal else [],
         events=[EventView.of(event) for event in service.store.events(job.id)],
         **_what_ran(view),
         ways=ways_to_run(view.scenario, str(request.base_url).rstrip("/")) if view.scenario else {},

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections import deque
 from concurrent.futures import FIRST_COMPLETED, wait
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Self
+from typing import TYPE_CHECKING, Protocol, Self
 
 from benchmarks.cases import Case, Outcome
 from service.worker.insertion_job import SERIES_RUNNER
@@ -21,6 +21,23 @@ if TYPE_CHECKING:
 ATTEMPTS = 3  # of a case whose worker died; a dead process is seldom the fault of the case
 CRASHED = "crashed"
 _TICK_S = 0.2
+
+
+class CaseRunner(Protocol):
+    """Runs many cases: the worker processes of this machine, or a cluster."""
+
+    @property
+    def slots(self) -> int:
+        """How many insertions can run at once, now."""
+
+    @property
+    def scratch(self) -> Path | None:
+        """Where a temporary folder must be made for all workers to see it; None = anywhere."""
+
+    def run_many(
+        self, cases: Sequence[Case], *, alone: bool = False, runner: str | None = None, folder: Path | None = None
+    ) -> Generator[Outcome, None, None]:
+        """Outcomes in the order in which they end. alone: one after the other. runner, folder: others than usual."""
 
 
 class CrewStartError(NeedlebenchError):
@@ -49,6 +66,16 @@ class Crew:
     ) -> None:
         for slot in self._slots:
             slot.worker.kill()
+
+    @property
+    def slots(self) -> int:
+        """How many insertions can run at once."""
+        return self._workers
+
+    @property
+    def scratch(self) -> Path | None:
+        """Temporary folders may be anywhere."""
+        return None
 
     def start(self) -> None:
         """Have every worker warm. Raises CrewStartError."""

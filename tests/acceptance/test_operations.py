@@ -95,6 +95,25 @@ def test_gc_is_done_by_the_service_that_runs_and_without_one_by_the_command(tmp_
     assert os.listdir(tmp_path / "jobs") == [ids[0]]
 
 
+def test_a_job_is_named_tagged_and_found_from_the_command_line(tmp_path: Path) -> None:
+    with running_server(tmp_path) as server:
+        job, other = (server.client.wait(server.client.submit({"name": "quick"}).id).id for _ in range(2))
+        told = needlebench("edit", job, "--name", "soft", "--tag", "liver", "--tag", "paper 2", data=tmp_path)
+        assert told.stdout == f"{job} soft [liver, paper 2]\n", told.stderr
+        needlebench("edit", job, "--note", "a note", data=tmp_path)
+        (line,) = needlebench("jobs", "--tag", "liver", data=tmp_path).stdout.splitlines()
+        assert line.startswith(job)
+        assert "soft  [liver, paper 2]" in line
+        shown = json.loads(needlebench("show", job, data=tmp_path).stdout)
+        assert (shown["tags"], shown["note"]) == (["liver", "paper 2"], "a note")
+        assert needlebench("edit", job, data=tmp_path).returncode == 2
+        needlebench("edit", job, "--no-tags", data=tmp_path)
+        assert needlebench("jobs", "--tag", "liver", data=tmp_path).stdout == ""
+        outcomes = server.client.act("delete", [job, "0" * 16, other])
+        assert [(one.job, one.done, one.code) for one in outcomes][1] == ("0" * 16, False, "job-unknown")
+        assert list(server.client.jobs()) == []
+
+
 def test_one_job_is_pinned_shown_and_unpinned_from_the_command_line(tmp_path: Path) -> None:
     with running_server(tmp_path) as server:
         job = server.client.wait(server.client.submit({"name": "quick"}).id).id

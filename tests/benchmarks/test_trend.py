@@ -20,7 +20,7 @@ def shifted(by_mm: float, cases: list[str]) -> Point:
 
 def test_the_first_run_is_no_regression() -> None:
     found = judge(BASE, [])
-    assert (found.accuracy, found.success, found.time) == (Mark.FIRST,) * 3
+    assert (found.accuracy, found.success, found.time) == (Mark.UNJUDGED,) * 3
     assert not found.regression
 
 
@@ -38,6 +38,19 @@ def test_accuracy_is_judged_by_pairs(by_mm: float, cases: list[str], mark: Mark)
     assert judge(shifted(by_mm, cases), [BASE]).accuracy is mark
 
 
+@pytest.mark.parametrize(("cases", "mark"), [(7, Mark.UNJUDGED), (8, Mark.WORSE)])
+def test_so_few_cases_that_no_difference_could_be_told_from_chance_are_not_judged(cases: int, mark: Mark) -> None:
+    """Two-tailed p of seven alike signs: 0.016; of eight: 0.008."""
+    few = CASES[:cases]
+    before = replace(BASE, rmse_commanded_mm=dict.fromkeys(few, 0.1), digests=dict.fromkeys(few, "d"))
+    now = replace(before, rmse_commanded_mm=dict.fromkeys(few, 0.2), digests=dict.fromkeys(few, "e"))
+    found = judge(now, [before])
+    assert found.accuracy is mark
+    assert ("too few" in found.accuracy_why) == (mark is Mark.UNJUDGED)
+    same = replace(now, rmse_commanded_mm=before.rmse_commanded_mm)
+    assert judge(same, [before]).accuracy is Mark.SAME
+
+
 def test_a_failure_is_worse_than_any_error_and_two_failures_are_a_tie() -> None:
     failed = replace(
         BASE, rmse_commanded_mm=dict.fromkeys(CASES, math.inf), digests=dict.fromkeys(CASES, "e"), successes=0
@@ -51,7 +64,7 @@ def test_a_failure_is_worse_than_any_error_and_two_failures_are_a_tie() -> None:
 def test_time_is_judged_against_the_same_machine(step_ms: float, mark: Mark) -> None:
     history = [replace(BASE, step_ms=step) for step in (2.0, 2.02, 1.98, 9.0)]  # one outlier does not matter
     assert judge(replace(BASE, step_ms=step_ms), history).time is mark
-    assert judge(replace(BASE, step_ms=step_ms, machine="other"), history).time is Mark.FIRST
+    assert judge(replace(BASE, step_ms=step_ms, machine="other"), history).time is Mark.UNJUDGED
 
 
 def test_a_noisy_machine_allows_more() -> None:
@@ -61,7 +74,7 @@ def test_a_noisy_machine_allows_more() -> None:
 
 def test_every_point_of_a_history_is_judged_by_those_before() -> None:
     marks = [found.accuracy for found in judge_all([BASE, BASE, shifted(0.02, CASES)])]
-    assert marks == [Mark.FIRST, Mark.SAME, Mark.WORSE]
+    assert marks == [Mark.UNJUDGED, Mark.SAME, Mark.WORSE]
 
 
 def test_what_got_worse_stays_a_loss_until_it_is_mended() -> None:

@@ -21,7 +21,7 @@ from service.api.event_hub import BATCH, EncodedEvent, progress_event
 from service.api.openapi import documented
 from service.api.parameters import JobId
 from service.api.schemas.jobs import EventList, EventView
-from service.store.job import TERMINAL, Job
+from service.store.job import ASIDE, TERMINAL, Job
 
 router = APIRouter(prefix="/api/v1", tags=["events"])
 
@@ -159,4 +159,4 @@ async def _is_last(service: Service, event: EncodedEvent) -> bool:
     if event.kind not in TERMINAL:
         return False
     later = await run_in_threadpool(service.store.events, event.job_id, after=event.seq)
-    return not any(one.kind not in ("pinned", "unpinned") for one in later)
+    return not any(one.kind not in ASIDE for one in later)

@@ -1,9 +1,8 @@
-"""Routes of jobs: submit, list, wait, cancel, retry, pin, delete."""
+"""Routes of jobs: submit, list, wait, cancel, retry."""
 
 from __future__ import annotations
 
 import asyncio
-import shutil
 from contextlib import suppress
 from typing import Annotated
 
@@ -17,10 +16,10 @@ from service.api.idempotency import IdempotencyKey, own_key
 from service.api.job_view_cache import EncodedJob
 from service.api.json_bodies import JsonBodyRoute
 from service.api.openapi import documented
-from service.api.parameters import Cursor, JobId
+from service.api.parameters import JobCursor, JobId
 from service.api.schemas.jobs import JobDryRun, JobPage, JobRequest, JobSummary, JobView, Outcome, State
-from service.store.job import Job, content_hash
-from service.store.paging import read_page
+from service.store.job import content_hash
+from service.store.job_lists import JobFilter, JobOrder, Sort
 
 router = APIRouter(prefix="/api/v1/jobs", tags=["jobs"], route_class=JsonBodyRoute)
 
@@ -79,32 +78,26 @@ def submit_job(
     summary="List jobs, newest first",
     responses=documented(),
 )
-def list_jobs(
+def list_jobs(  # noqa: PLR0913  (the parameters of the query)
     service: ServiceOf,
     state: Annotated[State | None, Query(description="Only jobs in this state.")] = None,
     name: Annotated[str | None, Query(max_length=100, description="Only jobs of this name.")] = None,
+    tag: Annotated[str | None, Query(max_length=40, description="Only jobs with this tag.")] = None,
     campaign: Annotated[str | None, Query(max_length=32, description="Only insertions of this campaign.")] = None,
     outcome: Annotated[Outcome | None, Query(description="Only jobs that finished with this outcome.")] = None,
     search: Annotated[
-        str, Query(alias="q", max_length=100, description="A part of the name, or the beginning of the id.")
+        str, Query(alias="q", max_length=100, description="A part of the name or of a tag, or the beginning of the id.")
     ] = "",
+    sort: Annotated[
+        Sort, Query(description="What they are sorted by; jobs without such a value come last.")
+    ] = "submitted",
+    down: Annotated[bool, Query(description="The largest, or latest, first.")] = True,
     limit: Annotated[int, Query(ge=1, le=200, description="Most items of the page.")] = 50,
-    cursor: Cursor = None,
+    cursor: JobCursor = None,
 ) -> JobPage:
     """A page of jobs, without their scenarios and results."""
-
-    def newest(most: int, before: int | None) -> list[Job]:
-        return service.store.newest(
-            state=state,
-            outcome=outcome,
-            name=name,
-            campaign=campaign,
-            containing=search.strip(),
-            limit=most,
-            before=before,
-        )
-
-    page = read_page(newest, size=limit, cursor=cursor)
+    wanted = JobFilter(state=state, outcome=outcome, name=name, tag=tag, campaign=campaign, containing=search.strip())
+    page = service.store.page(wanted, JobOrder(sort=sort, down=down), size=limit, cursor=cursor)
     return JobPage(items=[JobSummary.of(job) for job in page.items], next_cursor=page.next_cursor)
 
 
@@ -178,39 +171,3 @@ def retry_job(job_id: JobId, service: ServiceOf) -> JobView:
     job = service.store.retry(job_id)
     service.engine.wake()
     return JobView.of(job)
-
-
-@router.post(
-    "/{job_id}/pin",
-    operation_id="pin_job",
-    summary="Pin a job",
-    responses=documented(403, 404),
-)
-def pin_job(job_id: JobId, service: ServiceOf) -> JobView:
-    """A pinned job is kept when old jobs are removed, and cannot be deleted. Idempotent."""
-    return JobView.of(service.store.pin(job_id, pinned=True))
-
-
-@router.delete(
-    "/{job_id}/pin",
-    operation_id="unpin_job",
-    summary="Unpin a job",
-    status_code=status.HTTP_204_NO_CONTENT,
-    responses=documented(403, 404),
-)
-def unpin_job(job_id: JobId, service: ServiceOf) -> None:
-    """It may be removed again. Idempotent. A job of another key needs the scope admin."""
-    service.store.pin(job_id, pinned=False)
-
-
-@router.delete(
-    "/{job_id}",
-    operation_id="delete_job",
-    summary="Delete a job that has ended",
-    status_code=status.HTTP_204_NO_CONTENT,
-    responses=documented(404, 409),
-)
-def delete_job(job_id: JobId, service: ServiceOf) -> None:
-    """Delete the job with its result, series and recording. A job of another key needs the scope admin."""
-    service.store.delete(job_id)
-    shutil.rmtree(service.settings.jobs / job_id, ignore_errors=True)

@@ -14,12 +14,14 @@ from starlette.responses import FileResponse, PlainTextResponse, StreamingRespon
 
 from service.api.context import Service, ServiceOf
 from service.api.file_tail import tail
+from service.api.job_archive import archive_parts, open_parts
 from service.api.openapi import documented
 from service.api.parameters import JobId
 from service.api.problems import HttpError
 from service.api.schemas.jobs import ArtefactList, ArtefactView, MetricsView
 from service.api.served_file import check_intact, served_file
 from service.files import series_formats as series
+from service.files.zip_stream import zip_bytes, zip_stream
 from service.logs import LOG
 from service.store.job import FINISHED, INSERTION, Artefact, Job
 from simcore.errors import Problem
@@ -31,6 +33,7 @@ _BINARY = {"schema": {"type": "string", "format": "binary"}}
 _LOG_BYTES = 2**20
 RRD = "application/vnd.rerun.rrd"
 NPZ = "application/x-npz"
+ZIP = "application/zip"
 _FORMATS = {"application/json": "json", "text/csv": "csv", NPZ: "npz", "application/octet-stream": "npz"}
 
 
@@ -138,6 +141,32 @@ def get_artefact(job_id: JobId, name: str, service: ServiceOf, request: Request)
     artefact = _artefact(service, job_id, name)
     media_type = "application/json" if artefact.name.endswith(".json") else "application/octet-stream"
     return _served(request, service, artefact, media_type=media_type, filename=artefact.name)
+
+
+@router.get(
+    f"{_JOB}/zip",
+    operation_id="get_job_zip",
+    summary="Everything of a job in one archive",
+    tags=["results"],
+    response_class=Response,
+    responses={
+        200: {"description": "A ZIP archive, made while it is sent.", "content": {ZIP: _BINARY}},
+        **documented(404, 409, 410),
+    },
+)
+def get_job_zip(job_id: JobId, service: ServiceOf) -> Response:
+    """Job, scenario, result, series, recording and the log of the last attempt, whatever there is of them; of a job
+    that has ended."""
+    job = service.store.get(job_id)
+    if not job.terminal:
+        detail = f"job {job.id} is {job.state}: its archive is made once it has ended"
+        raise HttpError(409, detail, headers={"Retry-After": "1"}, code="result-pending")
+    entries = open_parts(archive_parts(service, job))
+    headers = {"Content-Disposition": f'attachment; filename="{job_id}.zip"', "Cache-Control": "no-cache"}
+    if (length := zip_bytes(entries)) is not None:
+        headers["Content-Length"] = str(length)
+    stream = zip_stream(entries, at=job.finished_at or job.created_at)
+    return StreamingResponse(stream, media_type=ZIP, headers=headers)
 
 
 @router.get(

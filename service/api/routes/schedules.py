@@ -4,14 +4,14 @@ from __future__ import annotations
 
 from typing import Annotated
 
-from fastapi import APIRouter, Header, Query, Request, Response, status
+from fastapi import APIRouter, Query, Request, Response, status
 
 from service.api.context import ServiceOf
 from service.api.json_bodies import JsonBodyRoute
 from service.api.openapi import documented
-from service.api.parameters import ScheduleId
-from service.api.problems import HttpError
+from service.api.parameters import IfMatch, ScheduleId, matched_version
 from service.api.schemas.schedules import (
+    CronPreview,
     ScheduleList,
     SchedulePatch,
     ScheduleRequest,
@@ -47,6 +47,21 @@ def list_schedules(service: ServiceOf) -> ScheduleList:
     return ScheduleList(items=[ScheduleView.of(one) for one in service.schedules.all()])
 
 
+@router.get(
+    "/preview",
+    operation_id="preview_cron",
+    summary="Read a cron line",
+    responses=documented(),
+)
+def preview_cron(
+    service: ServiceOf,
+    cron: Annotated[str, Query(min_length=1, max_length=200, description="As in 0 2 * * *.")],
+    timezone: Annotated[str, Query(min_length=1, max_length=64, description="IANA time zone.")] = "UTC",
+) -> CronPreview:
+    """The line as a sentence, and its next three moments."""
+    return CronPreview.of(cron, timezone, service.store.now)
+
+
 @router.get("/{schedule_id}", operation_id="get_schedule", summary="Read a schedule", responses=documented(404))
 def get_schedule(schedule_id: ScheduleId, service: ServiceOf, response: Response) -> ScheduleView:
     """The schedule now; its ETag goes into If-Match of a change."""
@@ -67,26 +82,15 @@ def change_schedule(
     service: ServiceOf,
     request: Request,
     response: Response,
-    if_match: Annotated[str | None, Header(description="ETag of the version that the change is based on.")] = None,
+    if_match: IfMatch = None,
 ) -> ScheduleView:
     """Fields that are left out keep their values. With If-Match nothing changes if somebody else was faster."""
     if body.campaign is not None:
         request.state.caller.require_priority(body.campaign.priority)
         service.planner.plan(body.campaign)
-    changed = service.schedules.change(schedule_id, body.values(), version=_version(if_match))
+    changed = service.schedules.change(schedule_id, body.values(), version=matched_version(if_match, "schedule"))
     response.headers["ETag"] = f'"{changed.version}"'
     return ScheduleView.of(changed)
-
-
-def _version(if_match: str | None) -> int | None:
-    if if_match is None or if_match.strip() == "*":
-        return None
-    text = if_match.strip().removeprefix("W/").strip('"')
-    if not text.isascii() or not text.isdigit() or len(text) > 18:
-        raise HttpError(
-            412, f"If-Match must be the ETag of the schedule, a number in quotes, and not {if_match[:40]!r}"
-        )
-    return int(text)
 
 
 @router.delete(

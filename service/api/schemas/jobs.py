@@ -158,6 +158,8 @@ class JobSummary(BaseModel):
     priority: int
     timeout_s: float
     pinned: bool = Field(description="Kept when old jobs are removed.")
+    tags: list[str]
+    note: str = Field(description="What somebody wrote down about it.")
     progress: Progress
     metrics: dict[str, Any] | None
     error: JobError | None
@@ -181,6 +183,8 @@ class JobSummary(BaseModel):
             "priority": job.priority,
             "timeout_s": job.timeout_s,
             "pinned": job.pinned,
+            "tags": list(job.tags),
+            "note": job.note,
             "progress": Progress.of(job),
             "metrics": job.metrics,
             "error": None if kind is None else JobError(kind=kind, message=job.error or ""),

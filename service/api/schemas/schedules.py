@@ -10,7 +10,7 @@ from pydantic import BaseModel, ConfigDict, Field, StringConstraints
 from service.admission.campaign_planner import CampaignRequest
 from service.api.schemas.timestamps import utc
 from service.store.job import Label
-from service.store.schedule import Catchup, Overlap, Schedule, ScheduleRun
+from service.store.schedule import Catchup, Overlap, Schedule, ScheduleRun, check, in_words, next_ticks
 
 
 class ScheduleRequest(BaseModel):
@@ -82,6 +82,7 @@ class ScheduleView(BaseModel):
     id: str
     name: str
     cron: str
+    words: str = Field(description="The cron line as a sentence.")
     timezone: str
     catchup: Catchup
     overlap: Overlap
@@ -98,6 +99,7 @@ class ScheduleView(BaseModel):
         next_run_at = utc(one.next_run_at) if one.enabled else None
         return cls(
             **{name: getattr(one, name) for name in names},
+            words=in_words(one.cron, one.timezone),
             campaign=one.request,
             next_run_at=next_run_at,
             created_at=utc(one.created_at),
@@ -135,3 +137,16 @@ class ScheduleRunList(BaseModel):
     """Runs of a schedule, newest first."""
 
     items: list[ScheduleRunView]
+
+
+class CronPreview(BaseModel):
+    """What a cron line means."""
+
+    words: str
+    next: list[datetime] = Field(description="Its next three moments, fewer where there are no more.")
+
+    @classmethod
+    def of(cls, cron: str, timezone: str, now: float) -> Self:
+        """The JSON of a cron line. Raises ScenarioError."""
+        check(cron, timezone)
+        return cls(words=in_words(cron, timezone), next=[utc(one) for one in next_ticks(cron, timezone, now, 3)])

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from service.blas_threads import one_thread
+from service.cli.cluster.options import cluster_address, cluster_options
 from service.cli.connection import data_option, url_option
 from service.cli.results.output_file import free_to_write
 from simcore.errors import Problem, ScenarioError
@@ -20,6 +21,7 @@ if TYPE_CHECKING:
 
     from benchmarks.cases import Case
     from benchmarks.learning.training_insertions import Insertion
+    from service.local.case_runner import Where
     from service.local.dataset_runs import InsertionCache
 
 FILE = click.Path(dir_okay=False, path_type=Path)
@@ -57,6 +59,7 @@ FILE = click.Path(dir_okay=False, path_type=Path)
 @click.option(
     "--set", "changes", metavar="PATH=VALUE", multiple=True, help="Change one field of all insertions. Repeatable."
 )
+@cluster_options
 @click.option("--force", is_flag=True, help="Replace the file.")
 @data_option
 @url_option
@@ -75,6 +78,7 @@ def dataset(
     A quick look:         needlebench dataset --out out/few.npz --insertions 10
     At another time step: needlebench dataset --out out/data.npz --set dt_s=0.005
     Of a campaign:        needlebench dataset --from 5f2b8c0d9e1a4b37 --arm ifem --out out/mine.npz
+    On a cluster:         needlebench dataset --out out/data.npz --cluster file:cluster/scheduler.json
     For pandas:           needlebench dataset --from out/paper --format parquet --out out/paper.parquet
 
     With --from, an insertion counts that left a series with all variables: of `needlebench paper` those of its data
@@ -126,17 +130,21 @@ def _gather(
 
 
 def _run_insertions(
-    path: Path, *, insertions: int, samples: int, seed: int, workers: int, changes: tuple[str, ...], **_: Any
+    path: Path, *, insertions: int, samples: int, seed: int, changes: tuple[str, ...], **options: Any
 ) -> None:
     """The data set of new insertions."""
     from benchmarks.learning.training_insertions import collect_dataset, training_insertions
+    from service.local.case_runner import Where
     from service.local.dataset_runs import InsertionCache
     from simcore.rollout.dataset import save_dataset
     from simcore.scenario.presets import with_changes
 
     chosen = training_insertions(insertions=insertions, seed=seed, changes=with_changes({}, list(changes)))
+    where = Where(
+        options["workers"], cluster_address(options["cluster_text"], options["insecure"], options["certificates"])
+    )
     cache = InsertionCache(path.with_name(f"{path.name}.parts"))
-    data = collect_dataset(chosen, lambda these: _with_bar(these, workers, cache), samples=samples, seed=seed)
+    data = collect_dataset(chosen, lambda these: _with_bar(these, where, cache), samples=samples, seed=seed)
     save_dataset(data, path)
     shutil.rmtree(cache.folder, ignore_errors=True)
     failed = [i["id"] for i in data.provenance["insertions"] if i["status"] != "completed"]
@@ -148,13 +156,13 @@ def _run_insertions(
         click.echo(f"needlebench: warning: {samples} samples were asked for, there are {drawn} steps", err=True)
 
 
-def _with_bar(cases: Sequence[Case], workers: int, cache: InsertionCache) -> Iterator[Insertion]:
+def _with_bar(cases: Sequence[Case], where: Where, cache: InsertionCache) -> Iterator[Insertion]:
     """The insertions as they are finished, with a bar on a terminal, else with lines."""
     from service.local.dataset_runs import insertions
 
     with ExitStack() as stack:
         tick = stack.enter_context(_Bar(len(cases)))
-        for done in stack.enter_context(closing(insertions(cases, workers=workers, cache=cache))):
+        for done in stack.enter_context(closing(insertions(cases, where=where, cache=cache))):
             tick.advance()
             yield done
 

@@ -1,4 +1,5 @@
 // What all pages share: addresses, requests, error messages, action buttons, marked fields.
+import "./tables.js";
 
 /** An address of the service as the browser sees it: a proxy may show it under a path of its own. */
 export const at = (path) => (document.documentElement.dataset.root ?? "") + path;

@@ -1,18 +1,26 @@
 // The list of jobs: progress as it arrives, the list again when a job changes state.
 import { at, errorText, send } from "./app.js";
+import "./picked.js";
 import { follow, millimetres, refresh, span } from "./live.js";
 
 follow(at("/api/v1/events"), (kind, data) => {
   if (kind !== "progress") return refresh();
   const row = document.querySelector(`#jobs tr[data-key="${CSS.escape(data.job)}"]`);
   if (!row) return;
-  row.querySelector("[data-progress] progress").value = data.fraction;
   const left = data.eta_s ? `, ${span(data.eta_s)} left` : "";
-  row.querySelector("[data-progress] span").textContent = `${data.step} of ${data.steps} steps${left}`;
-  row.querySelector("[data-depth]").textContent = millimetres(data.depth_mm, 1);
-  row.querySelector("[data-error]").textContent = millimetres(data.tip_error_mm, 3);
+  const bar = row.querySelector("[data-progress] progress");
+  if (bar) bar.value = data.fraction;
+  put(row, "[data-progress] span", `${data.step} of ${data.steps} steps${left}`);
+  put(row, "[data-depth]", millimetres(data.depth_mm, 1));
+  put(row, "[data-error]", millimetres(data.tip_error_mm, 3));
   if (document.querySelector("#campaigns table")) refresh();
 }, refresh); // when the stream begins: for changes since the page was rendered
+
+/** Into a column that may not be shown. */
+function put(row, place, text) {
+  const found = row.querySelector(place);
+  if (found) found.textContent = text;
+}
 
 let known = ""; // the readiness texts that are shown
 
@@ -39,24 +47,12 @@ setInterval(() => {
 }, 3000);
 readiness();
 
-const MOST = 6; // jobs side by side
-const chosen = new Set();
-
-/** Which jobs are chosen to be shown side by side; they stay chosen while the list is read again. */
-function pick() {
-  for (const box of document.querySelectorAll("#jobs input[name=job]")) box.checked = chosen.has(box.value);
-  document.getElementById("picked").hidden = chosen.size === 0;
-  const link = document.getElementById("side-by-side");
-  const fits = chosen.size >= 2 && chosen.size <= MOST;
-  link.href = at(`/side-by-side?${new URLSearchParams([...chosen].map((job) => ["job", job]))}`);
-  link.toggleAttribute("hidden", !fits);
-  document.getElementById("picked-count").textContent = `${chosen.size} chosen${fits ? "" : `; 2 to ${MOST} can be shown side by side`}`;
-}
-
-document.addEventListener("change", ({ target }) => {
-  if (target.name !== "job") return;
-  if (target.checked) chosen.add(target.value);
-  else chosen.delete(target.value);
-  pick();
+const form = document.getElementById("list");
+form.addEventListener("change", ({ target }) => { if (target.name !== "column" && target.name !== "q") form.requestSubmit(); });
+form.addEventListener("submit", () => { // an address says only what was chosen
+  const columns = [...form.querySelectorAll("[name=column]")];
+  const usual = columns.every((box) => box.checked === box.hasAttribute("data-usual"));
+  for (const control of form.elements) control.disabled = control.value === "" || (control.name === "column" && usual);
+  if (!form.elements.sort.value) form.elements.down.disabled = true;
 });
-document.addEventListener("refreshed", pick);
+addEventListener("pageshow", () => { for (const control of form.elements) control.disabled = false; }); // back from another page

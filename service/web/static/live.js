@@ -8,7 +8,7 @@ let last = 0;
 const read = new Map(); // id of a part -> its HTML as last read
 
 const KINDS = ["queued", "started", "progress", "requeued", "crashed", "cancel_requested", "finished", "failed",
-  "cancelled", "timed_out", "pinned", "unpinned", "deleted"];
+  "cancelled", "timed_out", "pinned", "unpinned", "edited", "deleted"];
 const AGAIN_MS = 5000; // before a refused stream is requested again
 const AWAY_MS = 2500; // without a response before that is shown
 let silence = null;
@@ -69,10 +69,10 @@ async function doubt() {
 /** Reload the page soon and replace the parts marked data-live that differ; then the event `refreshed` is sent. */
 export async function refresh() {
   due = true;
-  if (reading || document.hidden) return;
+  if (reading || busy()) return;
   reading = true;
   try {
-    while (due && !document.hidden) {
+    while (due && !busy()) {
       const wait = last + PAUSE_MS - Date.now();
       if (wait > 0) await new Promise((done) => setTimeout(done, wait));
       due = false;
@@ -80,6 +80,7 @@ export async function refresh() {
       const answer = await fetch(location.href, { cache: "no-store" }).catch(() => null);
       if (answer?.status === 404 || answer?.redirected) { location.reload(); return; } // deleted, or logged out
       answers(answer !== null);
+      if (busy()) { due = true; return; }
       if (answer?.ok) exchange(new DOMParser().parseFromString(await answer.text(), "text/html"));
     }
   } finally {
@@ -88,26 +89,50 @@ export async function refresh() {
 }
 
 function exchange(fresh) {
+  let focused = null;
   for (const old of document.querySelectorAll("[data-live]")) {
     const now = fresh.getElementById(old.id);
     if (!now || now.outerHTML === read.get(old.id)) continue;
     read.set(old.id, now.outerHTML);
-    const place = held(old);
+    const back = held(old);
+    const { scrollLeft } = old;
+    const own = old === document.activeElement; // a table that is scrolled by keys
     const opened = [...old.querySelectorAll("details")].map((one) => one.open);
     old.replaceWith(now);
     now.querySelectorAll("details").forEach((one, i) => { if (opened[i] !== undefined) one.open = opened[i]; });
-    if (place >= 0) now.querySelectorAll("a, button, summary, input, select")[place]?.focus({ preventScroll: true });
+    back(now);
+    now.scrollLeft = scrollLeft;
+    if (own) focused = now;
   }
   document.dispatchEvent(new CustomEvent("refreshed"));
+  focused?.focus({ preventScroll: true });
 }
 
-/** Which control of a part has the focus, -1 for none; a keyboard user stays where they were. */
+/** Nobody looks, or somebody is asked something whose button is in the page. */
+const busy = () => document.hidden || document.querySelector("dialog[open]") !== null;
+
+const CONTROLS = "a, button, summary, input, select";
+const controls = (part) => [...part.querySelectorAll(CONTROLS)];
+
+/** Remember which control of a part has the focus; the returned function gives it to the same one of the fresh part: in
+ * the same row where there are rows, however many stand before it now, else at the same place. */
 function held(part) {
-  return [...part.querySelectorAll("a, button, summary, input, select")].indexOf(document.activeElement);
+  const active = document.activeElement;
+  const place = controls(part).indexOf(active);
+  if (place < 0) return () => {};
+  const row = active.closest("[data-key]");
+  const column = row ? controls(row).indexOf(active) : -1;
+  return (fresh) => {
+    const same = row && fresh.querySelector(`[data-key="${CSS.escape(row.dataset.key)}"]`);
+    const among = controls(same ?? fresh);
+    const wanted = Math.min(same ? column : place, among.length - 1);
+    (among[wanted] ?? document.getElementById("main")).focus({ preventScroll: true });
+  };
 }
 
 document.addEventListener("changed", refresh);
-document.addEventListener("visibilitychange", () => { if (!document.hidden && due) refresh(); });
+document.addEventListener("visibilitychange", () => { if (due) refresh(); });
+document.getElementById("confirm").addEventListener("close", () => { if (due) refresh(); });
 
 /** 48 s, 3 min 20 s, 2 h 5 min. */
 export function span(seconds) {

@@ -57,6 +57,7 @@ def change(service: Service, what: str, job: Job) -> None:
         "crash": lambda: store.requeue(mine, reason="b", crashed=True),
         "recover": store.recover,
         "retry": lambda: store.retry(job.id),
+        "edit": lambda: store.edit(job.id, {"note": "new"}),
         "pin": lambda: store.pin(job.id, pinned=True),
         "unpin": lambda: store.pin(job.id, pinned=False),
         "cancel": lambda: store.cancel(job.id),
@@ -66,7 +67,20 @@ def change(service: Service, what: str, job: Job) -> None:
         changes[what]()
 
 
-_CHANGES = ("claim", "beat", "finish", "exchange", "crash", "recover", "retry", "pin", "unpin", "cancel", "delete")
+_CHANGES = (
+    "claim",
+    "beat",
+    "finish",
+    "exchange",
+    "crash",
+    "recover",
+    "retry",
+    "edit",
+    "pin",
+    "unpin",
+    "cancel",
+    "delete",
+)
 
 
 @pytest.mark.slow

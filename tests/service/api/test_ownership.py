@@ -29,6 +29,7 @@ MAKES_SOMETHING = {  # operations that change nothing which is there
     "submit_job", "create_campaign", "create_schedule", "create_upload", "create_comparison", "compare_campaigns",
     "train_model",
 }  # fmt: skip
+ASKED_FOR_EACH = {"act_on_jobs"}  # the rule is asked for each thing that its body names
 FOR_ADMINS_ALONE = {"create_key", "revoke_key", "clear_jobs"}
 Headers = dict[str, str]
 Both = tuple["TestClient", "Service"]
@@ -79,7 +80,7 @@ def test_of_every_change_in_the_document_it_is_known_who_may_make_it(both: Both)
     for method, path, operation in changes(http, key(service, "admin")):
         name = operation["operationId"]
         if "{" not in path:
-            assert name in MAKES_SOMETHING | FOR_ADMINS_ALONE, f"{method} {path}: who may do this?"
+            assert name in MAKES_SOMETHING | FOR_ADMINS_ALONE | ASKED_FOR_EACH, f"{method} {path}: who may do this?"
         else:
             assert path[path.index("{") + 1 : path.index("}")] in OWNERS.keys() | FOR_ADMINS, f"{method} {path}"
 
@@ -91,7 +92,7 @@ def test_every_change_of_what_is_there_is_for_its_owner_and_for_admins(both: Bot
     things = make(http, ada)
     tried = 0
     for method, path, operation in changes(http, admin):
-        if operation["operationId"] in MAKES_SOMETHING:
+        if operation["operationId"] in MAKES_SOMETHING | ASKED_FOR_EACH:
             continue
         address = path.format(**things, key_id=service.keys.all()[0].id)
         answer = http.request(method, address, json={}, headers=ben)
@@ -115,6 +116,27 @@ def test_a_route_whose_owner_nobody_knows_is_refused() -> None:
             if isinstance(route, APIRoute) and set(route.methods or ()) - SAFE_METHODS:
                 named = {param.name for param in route.dependant.path_params}
                 assert named <= OWNERS.keys() | FOR_ADMINS, route.path
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("action", ["cancel", "retry", "pin", "unpin", "delete"])
+def test_an_action_over_many_jobs_is_refused_for_those_of_others_alone(both: Both, action: str) -> None:
+    http, service = both
+    ada, ben, admin = key(service, "submit"), key(service, "submit"), key(service, "admin")
+    jobs = [http.post(f"{API}/jobs", json={"scenario": "line"}, headers=who).json()["id"] for who in (ada, ben)]
+    if action in ("retry", "delete"):
+        for job in jobs:
+            service.store.cancel(job)
+    answer = http.post(f"{API}/jobs/actions", json={"action": action, "jobs": jobs}, headers=ben).json()
+    assert [(item["job"], item["done"], item["code"]) for item in answer["items"]] == [
+        (jobs[0], False, "scope-missing"),
+        (jobs[1], True, None),
+    ]
+    assert answer["done"] == 1
+    again = http.post(f"{API}/jobs/actions", json={"action": action, "jobs": jobs[:1]}, headers=admin).json()
+    assert again["done"] == 1
+    reader = http.post(f"{API}/jobs/actions", json={"action": action, "jobs": jobs}, headers=key(service, "read"))
+    assert reader.status_code == 403
 
 
 @pytest.mark.slow

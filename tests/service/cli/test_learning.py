@@ -28,6 +28,7 @@ if TYPE_CHECKING:
     from pathlib import Path
 
     from benchmarks.cases import Case
+    from service.local.case_runner import Where
 
 COARSE = ("--set", "tissue.element_size_mm=12", "--set", "dt_s=0.05")
 
@@ -45,7 +46,7 @@ def table(seed: int) -> dict[str, np.ndarray]:
 def quick(monkeypatch: pytest.MonkeyPatch) -> None:
     """Insertions without a simulation."""
 
-    def insertions(these: Sequence[Case], *, workers: int, cache: InsertionCache) -> Iterator[Insertion]:
+    def insertions(these: Sequence[Case], *, where: Where, cache: InsertionCache) -> Iterator[Insertion]:
         for case in these:
             done = Insertion(case, table(case.scenario["seed"]), "completed", "digest")
             cache.keep(done)

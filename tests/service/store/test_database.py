@@ -87,7 +87,7 @@ def next_revision(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 NEXT = """
 from alembic import op
 import sqlalchemy as sa
-revision, down_revision = "next", "campaign_lanes"
+revision, down_revision = "next", "job_notes"
 def upgrade():
     op.add_column("job", sa.Column("colour", sa.String(8), server_default="red", nullable=False))
 """
@@ -105,8 +105,8 @@ def test_an_older_database_is_copied_then_upgraded_with_its_jobs(
         assert connection.execute("SELECT id, colour FROM job").fetchall() == [("old", "red")]
     assert revision_of(path) == revisions()[0] == "next"
     (copy,) = backups.iterdir()
-    assert copy.name == "a-campaign_lanes-19700101T000000Z.sqlite"
-    assert revision_of(copy) == "campaign_lanes"
+    assert copy.name == "a-job_notes-19700101T000000Z.sqlite"
+    assert revision_of(copy) == "job_notes"
     with closing(sqlite3.connect(copy)) as connection:
         assert connection.execute("SELECT id FROM job").fetchall() == [("old",)]
     assert copy.name in caplog.text
@@ -129,7 +129,7 @@ def test_an_upgrade_that_fails_leaves_the_database_as_it_was(
     with pytest.raises(OSError, match="No space left"):
         open_database(path)
     assert statements(path) == before
-    assert revision_of(path) == "campaign_lanes"
+    assert revision_of(path) == "job_notes"
 
 
 def statements(path: Path) -> list[tuple[str]]:

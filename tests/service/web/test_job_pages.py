@@ -85,7 +85,7 @@ def test_jobs_are_found_by_a_part_of_their_name_or_the_beginning_of_their_id(pag
     assert found(ids["xx1 line"][:10]) == {"xx1 line"}
     assert found("sine", state="queued") == {"first sine", "Second SINE"}
     assert found("sine", state="failed") == set()
-    assert "None with this name or id." in http.get("/", params={"q": "<script>"}).text
+    assert "None with this name, tag or id." in http.get("/", params={"q": "<script>"}).text
     assert "<script>alert" not in http.get("/", params={"q": "<script>alert"}).text
     assert 'href="/?state=queued&amp;q=a%26b"' in http.get("/", params={"q": "a&b"}).text
     finish(service)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import sqlalchemy as sa
 from alembic import op
 
-revision = "campaign_lanes"
+revision = "job_notes"
 down_revision = None
 branch_labels = None
 depends_on = None
@@ -60,6 +60,8 @@ def _create_job() -> None:
         sa.Column("pinned", sa.Boolean(create_constraint=False), nullable=False, server_default=sa.false()),
         sa.Column("kind", sa.String(16), nullable=False, server_default="insertion"),
         sa.Column("lane", sa.String(70), nullable=False, server_default="/"),
+        sa.Column("tags", sa.JSON, nullable=False, server_default=sa.text("'[]'")),
+        sa.Column("note", sa.Text, nullable=False, server_default=""),
         sa.PrimaryKeyConstraint("seq", name="pk_job"),
         sa.UniqueConstraint("id", name="uq_job_id"),
         sa.CheckConstraint(_STATES, name=op.f("ck_job_state")),

@@ -1,0 +1,1 @@
+"""Commands whose insertions may run on a cluster, and those that start one."""
