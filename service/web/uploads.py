@@ -15,7 +15,7 @@ from service.api.schemas.jobs import JobSummary
 from service.api.schemas.uploads import UploadKind, UploadView
 from service.display import flat
 from service.files.upload_names import NAMES
-from service.store.upload_users import jobs_with, users_of
+from service.store.upload_references import jobs_with, users_of
 from service.store.uploads import UnknownUploadError, Upload
 from service.web.pictures.mesh import MOST_TETRAHEDRA, mesh_svg
 from service.web.site import missing, page
