@@ -59,8 +59,10 @@ def profile(ports: BenchPorts) -> Part:
         ports.say(f"profile: {name}")
         scenario = benchmark_scenario(name, quick=ports.quick)
         plain = _median_step(scenario, None, ports.clock)
+        with composed():
+            run(scenario)
         stages = Stages(ports.clock)
-        with patch_kernels(stages):
+        with composed(), patch_kernels(stages):
             wrapped = _median_step(scenario, stages, ports.clock)
         title = f"One step along {name}; looking at it makes it {wrapped / plain:.2f} times as long"
         tables.append(stages.table(title, scenario.steps))
@@ -146,18 +148,27 @@ def _median_step(scenario: Scenario, stages: Stages | None, clock: Clock) -> flo
 
 
 @contextmanager
+def composed() -> Iterator[None]:
+    """A step as its kernels, called by Python one after the other; it is one kernel otherwise."""
+    undo: list[tuple[Any, str, Any]] = []
+    try:
+        for name in step_kernel.COMPOSED:
+            _replace(step_kernel, name, getattr(step_kernel, name).py_func, undo)
+        yield
+    finally:
+        _restore(undo)
+
+
+@contextmanager
 def patch_kernels(stages: Stages) -> Iterator[None]:
     """Every compiled kernel in the modules of simcore, and METHODS, replaced by timed ones while the context is open.
 
-    A step is composed of its kernels meanwhile, so that each is seen; it is one of them otherwise.
-
-    Kernels must be compiled before: one that is compiled meanwhile would find a wrapper where it looks for a kernel.
+    A step is `composed` meanwhile, so that each kernel is seen. They must have been called so before: one that is
+    compiled meanwhile would find a wrapper where it looks for a kernel.
     """
     undo: list[tuple[Any, str, Any]] = []
     wrapped: dict[int, Callable[..., Any]] = {}
     try:
-        for name in step_kernel.COMPOSED:
-            _replace(step_kernel, name, getattr(step_kernel, name).py_func, undo)
         for owner, name, stage, whole in METHODS:
             if hasattr(owner, name):
                 _replace(owner, name, stages.wrap(stage, getattr(owner, name), whole), undo)
@@ -169,8 +180,12 @@ def patch_kernels(stages: Stages) -> Iterator[None]:
                     _replace(module, name, timed, undo)
         yield
     finally:
-        for owner, name, original in reversed(undo):
-            setattr(owner, name, original)
+        _restore(undo)
+
+
+def _restore(undo: list[tuple[Any, str, Any]]) -> None:
+    for owner, name, original in reversed(undo):
+        setattr(owner, name, original)
 
 
 def _replace(owner: Any, name: str, value: Any, undo: list[tuple[Any, str, Any]]) -> None:

@@ -51,6 +51,7 @@ NAMES = (
     "convergence",
     "work-precision",
     "sweeps",
+    "cluster",
     "forces",
 )
 RECORDER = "tests.benchmarks.test_suite:silent"
@@ -102,7 +103,7 @@ def keys(part: Part) -> set[str]:
 
 def test_the_names() -> None:
     assert tuple(BENCHMARKS) == NAMES
-    assert select([]) == list(NAMES[:-4])
+    assert select([]) == list(NAMES[:-5])
     assert select(["step", "micro", "step"]) == ["step", "micro"]
     with pytest.raises(ScenarioError, match=r"steps.*micro, step"):
         select(["steps"])
