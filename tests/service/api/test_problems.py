@@ -124,7 +124,7 @@ def test_a_crash_is_a_problem_without_details(http: TestClient, monkeypatch: pyt
     def crash(*_: object, **__: object) -> None:
         raise RuntimeError("a secret")
 
-    monkeypatch.setattr("service.store.jobs.Store.newest", crash)
+    monkeypatch.setattr("service.store.jobs.Store.page", crash)
     assert "secret" not in str(problem(http.get(JOBS), 500))
 
 
