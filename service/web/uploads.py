@@ -20,7 +20,6 @@ from service.store.uploads import UnknownUploadError, Upload
 from service.web.pictures.mesh import MOST_TETRAHEDRA, mesh_svg
 from service.web.site import missing, page
 from simcore.errors import ScenarioError
-from simcore.mesh.reader import body_of
 
 router = APIRouter(include_in_schema=False)
 
@@ -91,6 +90,8 @@ def get_picture(upload_id: UploadId, service: ServiceOf) -> Response:
 
 @lru_cache(maxsize=KEPT_PICTURES)
 def _picture(path: str) -> str:
+    from simcore.mesh.reader import body_of  # slow to import, and only for a picture
+
     body = body_of(path)
     return mesh_svg(body.points, body.tets)
 

@@ -12,6 +12,7 @@ import numpy as np
 
 from simcore.compiled import kernel
 from simcore.mesh.edges import determinants
+from simcore.mesh.surface import surface_of
 
 if TYPE_CHECKING:
     from simcore.arrays import Floats, Ints
@@ -177,14 +178,6 @@ def _faces(cells: tuple[int, int, int]) -> dict[str, Ints]:
         "z_min": grid[0].ravel(),
         "z_max": grid[-1].ravel(),
     }
-
-
-def surface_of(tets: Ints) -> Ints:
-    """(triangles, 3): faces that belong to one tetrahedron only, seen counter-clockwise from outside."""
-    triangles = np.concatenate([tets[:, [1, 2, 3]], tets[:, [0, 3, 2]], tets[:, [0, 1, 3]], tets[:, [0, 2, 1]]])
-    _, first, count = np.unique(np.sort(triangles, axis=1), axis=0, return_index=True, return_counts=True)
-    outer: Ints = triangles[np.sort(first[count == 1])]
-    return outer
 
 
 @kernel

@@ -12,7 +12,8 @@ from scipy.spatial import cKDTree
 
 from simcore.linear_algebra.products import norm, times
 from simcore.mesh.edges import determinants
-from simcore.mesh.mesh import Mesh, oriented, surface_of
+from simcore.mesh.mesh import Mesh, oriented
+from simcore.mesh.surface import surface_of
 from simcore.mesh.tet_search import TetSearch, locate_in_tets, nearest_triangle, outside_by
 
 if TYPE_CHECKING:

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from simcore.mesh.mesh import surface_of
+from simcore.mesh.surface import surface_of
 
 if TYPE_CHECKING:
     from simcore.arrays import Floats, Ints
