@@ -29,7 +29,8 @@ from service.recording import viewer
 from service.recording.blocks import Block
 from service.recording.entities import Drawing, log_static
 from service.recording.layout import blueprint
-from service.recording.rerun_overrides import end_threads, write_to_file
+from service.recording.rerun_overrides import end, end_threads, write_to_file
+from service.recording.room import check_room
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -42,6 +43,7 @@ APPLICATION = "needlebench"
 BLOCK_S = 1.0  # of wall time that a step may wait before it is sent
 LONG_STEPS = 5_000  # from which on a recording is compacted; 1,200 steps are read in 17 ms as they are, in 10 compacted
 _OPTIMIZE_TIMEOUT_S = 300.0
+_FLUSH_S = 120.0  # a writer that takes longer to write what it was sent is taken for dead
 
 Clock = Callable[[], float]
 
@@ -135,8 +137,10 @@ class _Recorder:
     def __init__(self, path: Path, recording_id: str, scene: Scene, provenance: dict[str, Any], clock: Clock) -> None:
         rr.set_strict_mode(True)
         self.scene, self.clock = scene, clock
+        self.path = path
         with path.open("wb"):  # a path that cannot be written is an error here, not on Rerun's thread
             pass
+        check_room(path)
         self.stream = rr.RecordingStream(APPLICATION, recording_id=recording_id)
         self.stream.set_log_time_enabled(False)
         self.stream.set_log_tick_enabled(False)
@@ -168,6 +172,7 @@ class _Recorder:
     def _send(self) -> None:
         block = self.block
         if block.rows:
+            check_room(self.path)
             self.block, self.sent_s = block.next(), self.clock()
             block.send(self.stream)
 
@@ -179,10 +184,11 @@ class _Recorder:
     def close(self) -> None:
         try:
             self._send()
-            self.stream.flush()
         finally:
-            self.stream.disconnect()
+            stream = self.stream
             del self.stream
+            end(stream, within_s=_FLUSH_S)
+            del stream
             end_threads()
 
 

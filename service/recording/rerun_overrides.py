@@ -6,6 +6,7 @@ Written against that version; the test of the threads that a recording leaves sa
 
 from __future__ import annotations
 
+import ctypes
 from typing import TYPE_CHECKING
 
 import rerun as rr
@@ -28,6 +29,21 @@ def write_to_file(stream: rr.RecordingStream, path: Path, layout: rrb.Blueprint,
     storage = rerun_bindings.memory_recording(recording=native)
     rerun_bindings.set_sinks([rr.FileSink(path)], default_blueprint=storage, recording=stream.to_native())
     sent.disconnect()  # its memory holds the stream that fills it, and neither would go
+
+
+def end(stream: rr.RecordingStream, *, within_s: float) -> None:
+    """Write what it was sent and disconnect it.
+
+    Raises RuntimeError where its writer has died or does not get on. Whatever ends or drops such a stream may wait for
+    ever, so it is kept until the process has ended, and Rerun's own end of the process is left out.
+    """
+    try:
+        stream.flush(timeout_sec=within_s)
+    except RuntimeError:
+        ctypes.pythonapi.Py_IncRef(ctypes.py_object(stream))
+        rr.unregister_shutdown()
+        raise
+    stream.disconnect()
 
 
 def end_threads() -> None:
