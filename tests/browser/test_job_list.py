@@ -7,13 +7,11 @@ from typing import TYPE_CHECKING
 
 import pytest
 
-from tests.acceptance.server import Server, running_server, until
-from tests.browser.browser import PROGRAM, chromium, opened
+from tests.acceptance.server import Server, until
+from tests.browser.browser import PROGRAM
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator
-
-    from playwright.sync_api import Browser, Locator, Page, ViewportSize
+    from playwright.sync_api import Locator, Page, ViewportSize
 
     from service.client.records import JobStatus
 
@@ -22,24 +20,6 @@ pytestmark = [
     pytest.mark.slow,
     pytest.mark.skipif(PROGRAM is None, reason="needs chromium: no chromium or chromium-browser on the PATH"),
 ]
-
-
-@pytest.fixture(scope="module")
-def server(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Server]:
-    with running_server(tmp_path_factory.mktemp("list"), runner="tests.browser.runner:run_job", workers=1) as started:
-        yield started
-
-
-@pytest.fixture(scope="module")
-def browser() -> Iterator[Browser]:
-    with chromium() as found:
-        yield found
-
-
-@pytest.fixture
-def page(browser: Browser, server: Server) -> Iterator[Page]:
-    with opened(browser, server.url) as found:
-        yield found
 
 
 def finished(server: Server, name: str, **scenario: object) -> JobStatus:

@@ -9,12 +9,10 @@ from typing import TYPE_CHECKING
 import pytest
 
 from tests.acceptance.server import Server, running_server, until
-from tests.browser.browser import PATIENCE_MS, PROGRAM, chromium, opened
+from tests.browser.browser import PATIENCE_MS, PROGRAM, opened
 from tests.service.http import idle_service
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator
-
     from playwright.sync_api import Browser, Page
 
 pytest.importorskip("playwright.sync_api", reason="needs playwright, of the dev extra")
@@ -32,26 +30,6 @@ DROP = """
   document.querySelector(selector).dispatchEvent(event);
 }
 """
-
-
-@pytest.fixture(scope="module")
-def server(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Server]:
-    with running_server(
-        tmp_path_factory.mktemp("operating"), runner="tests.browser.runner:run_job", workers=1
-    ) as started:
-        yield started
-
-
-@pytest.fixture(scope="module")
-def browser() -> Iterator[Browser]:
-    with chromium() as found:
-        yield found
-
-
-@pytest.fixture
-def page(browser: Browser, server: Server) -> Iterator[Page]:
-    with opened(browser, server.url) as found:
-        yield found
 
 
 def test_a_mesh_is_dropped_drawn_used_and_deleted_once_no_job_waits_for_it(page: Page, server: Server) -> None:

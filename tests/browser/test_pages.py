@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 import pytest
 
 from tests.acceptance.server import Server, running_server, until
-from tests.browser.browser import PATIENCE_MS, PROGRAM, chromium, opened
+from tests.browser.browser import PATIENCE_MS, PROGRAM, opened
 from tests.chaos import plugin_package
 from tests.service.learned import dataset_bytes
 
@@ -37,18 +37,6 @@ def server(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Server]:
         patch.setenv("PYTHONPATH", os.pathsep.join(filter(None, [str(packages), os.environ.get("PYTHONPATH")])))
         with running_server(folder, runner="tests.browser.runner:run_job", workers=1) as started:
             yield started
-
-
-@pytest.fixture(scope="module")
-def browser() -> Iterator[Browser]:
-    with chromium() as found:
-        yield found
-
-
-@pytest.fixture
-def page(browser: Browser, server: Server) -> Iterator[Page]:
-    with opened(browser, server.url) as found:
-        yield found
 
 
 def ended(page: Page) -> None:

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 import pytest
 
 from tests.acceptance.server import Server, running_server
-from tests.browser.browser import PROGRAM, chromium, opened
+from tests.browser.browser import PROGRAM, opened
 from tests.browser.stored import Measured, by_stiffness_and_gain, end_all
 from tests.service.http import idle_service
 
@@ -63,12 +63,6 @@ def site(tmp_path_factory: pytest.TempPathFactory) -> Iterator[tuple[Server, dic
             end_all(service, worse_from_the_fourth(run))
     with running_server(folder, runner="tests.browser.runner:run_job", workers=1) as server:
         yield server, made
-
-
-@pytest.fixture(scope="module")
-def browser() -> Iterator[Browser]:
-    with chromium() as found:
-        yield found
 
 
 @pytest.fixture
