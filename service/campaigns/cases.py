@@ -7,7 +7,7 @@ import statistics
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, Literal
 
-from benchmarks.paper.table import BESIDE, Row, arms, beside, by_group, main_rows, only
+from benchmarks.paper.table import BESIDE, Row, arms, beside, by_group, main_rows
 from service.store.job import INSERTION, outcome_of
 
 if TYPE_CHECKING:
@@ -154,11 +154,13 @@ class Score:
 
 def scores(table: Sequence[Row]) -> list[Score]:
     """One for each group and arm of the main rows."""
-    return [
-        _score(group, arm, only(members, arm=arm))
-        for group, members in by_group(main_rows(table)).items()
-        for arm in arms(members)
-    ]
+    found = []
+    for group, members in by_group(main_rows(table)).items():
+        of_arm: dict[str, list[Row]] = {}
+        for row in members:
+            of_arm.setdefault(row.arm, []).append(row)
+        found += [_score(group, arm, of_arm[arm]) for arm in arms(members)]
+    return found
 
 
 def _score(group: str, arm: str, rows: Sequence[Row]) -> Score:

@@ -65,7 +65,7 @@ def compare_within(campaigns: CampaignStore, campaign: str, names: Sequence[str]
 def arms_of(campaigns: CampaignStore, campaign_id: str) -> list[str]:
     """The arms of a campaign by name; none of an unknown one."""
     try:
-        return arms(main_rows(rows(outcomes(campaigns.cases(campaign_id)))))
+        return arms(main_rows(rows(outcomes(campaigns.cases(campaign_id, whole=False)))))
     except UnknownCampaignError:
         return []
 

@@ -54,7 +54,7 @@ def trend(campaigns: CampaignStore, suite: str) -> SuiteTrend:
 
 def kept_point(campaigns: CampaignStore, campaign: Campaign) -> Point:
     """The point of a campaign that has ended, which is stored too."""
-    computed = point(campaign, outcomes(campaigns.cases(campaign.id)))
+    computed = point(campaign, outcomes(campaigns.cases(campaign.id, whole=False)))
     campaigns.keep_point(campaign.id, point_json(computed))
     return computed
 

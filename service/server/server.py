@@ -67,6 +67,8 @@ def serve(settings: Settings, *, announce: Callable[[str], None], until_stdin_cl
         server = Server(service, url, announce, last_resort, most_connections=_connections(settings.connections))
         if until_stdin_closes:
             threading.Thread(target=_follow_stdin, args=(server,), daemon=True).start()
+        gc.collect()
+        gc.freeze()  # what is there by now stays: each collection would look at all of it, for up to 0.1 s
         previous = signal.signal(signal.SIGTERM, _exit)  # what uvicorn raises again once all is closed
         try:
             server.run(sockets=[listener])

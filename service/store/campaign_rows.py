@@ -20,9 +20,40 @@ TALLY = (  # read from an index alone: of a large campaign it is asked every sec
     .where(_job.c.lane == bindparam("of_lane"))
     .group_by(_job.c.state)
 )
-OF_CASE = type_coerce(  # one document is read, not both: that is half of what the page of a large campaign takes
-    func.coalesce(_job.c.result, schema.campaign_case.c.outcome), _job.c.result.type
-).label("result")
+_kept = func.coalesce(_job.c.result, schema.campaign_case.c.outcome)  # of both documents the one that there is
+WHOLE = type_coerce(_kept, _job.c.result.type).label("result")
+_MEASURED = {  # what tables, scores, pictures and trends take from a result: a quarter of it
+    "status": None,
+    "message": None,
+    "metrics": None,
+    "timing": None,
+    "digest": None,
+    "warnings": None,
+    "provenance": {
+        "commit": None,
+        "cpu": None,
+        "cpu_count": None,
+        "arm": None,
+        "scenario": {
+            "noise_mm": None,
+            "needle": {"yield_mpa": None},
+            "trajectory": {"entry_mm": None, "target_mm": None},
+            "controller": {"kind": None, "name": None},
+        },
+    },
+}
+
+
+def _parts(names: dict[str, Any], path: str) -> Any:
+    """A document with these parts of the result alone; a part that is not there is null."""
+    pairs = [
+        (name, func.json_extract(_kept, f"{path}.{name}") if inner is None else _parts(inner, f"{path}.{name}"))
+        for name, inner in names.items()
+    ]
+    return func.json_object(*[one for pair in pairs for one in pair])
+
+
+MEASURED = type_coerce(case((_kept.is_not(None), _parts(_MEASURED, "$"))), _job.c.result.type).label("result")
 _OWN_LANE: ColumnElement[str] = func.coalesce(_campaign.c.owner, "").concat("/").concat(_campaign.c.id)
 WHOLLY_ENDED = select(_campaign.c.id).where(  # running campaigns of which no job is active
     _campaign.c.state == RUNNING,
@@ -59,7 +90,7 @@ def to_campaign(row: Row[Any]) -> Campaign:
     return Campaign(**{**columns, "timeout_s": float(columns["timeout_s"])})
 
 
-def to_case(row: Row[Any], results: bool) -> CampaignCase:
-    """A row of a campaign's cases, with its result if it is wanted."""
-    names = ("number", "case_id", "labels", "job_id", "state", "error_kind", "error")
-    return CampaignCase(**{name: getattr(row, name) for name in names}, result=row.result if results else None)
+def to_case(row: Row[Any]) -> CampaignCase:
+    """A row of a campaign's cases, with its result."""
+    names = ("number", "case_id", "labels", "job_id", "state", "error_kind", "error", "result")
+    return CampaignCase(**dict(zip(names, row, strict=True)))

@@ -20,7 +20,7 @@ from service.store.campaign import (
     Tally,
     UnknownCampaignError,
 )
-from service.store.campaign_rows import OF_CASE, WHOLLY_ENDED, check_removable, tally_of, to_campaign, to_case
+from service.store.campaign_rows import MEASURED, WHOLE, WHOLLY_ENDED, check_removable, tally_of, to_campaign, to_case
 from service.store.job import QUEUED
 from service.store.job import RUNNING as JOB_RUNNING
 from service.store.job_queries import check_room
@@ -159,16 +159,17 @@ class CampaignStore:
             return {one.id: tally_of(connection, one) for one in campaigns}
 
     def cases(
-        self, campaign_id: str, *, results: bool = True, first: int = 0, limit: int | None = None
+        self, campaign_id: str, *, whole: bool = True, first: int = 0, limit: int | None = None
     ) -> list[CampaignCase]:
         """The cases in suite order; a result is the job's while there is one. Raises UnknownCampaignError.
 
-        first: number of the first case, from 0; limit: at most so many.
+        whole: False reads of each result what tables, scores and trends need. first: number of the first case, from 0;
+        limit: at most so many.
         """
         columns = [_case.c.number, _case.c.case_id, _case.c.labels, _case.c.job_id]
-        columns += [_job.c.state, _job.c.error_kind, _job.c.error]
+        columns += [_job.c.state, _job.c.error_kind, _job.c.error, WHOLE if whole else MEASURED]
         query = (
-            select(*columns, *([OF_CASE] if results else []))
+            select(*columns)
             .select_from(_case.outerjoin(_job, _job.c.id == _case.c.job_id))
             .where(_case.c.campaign_id == campaign_id, _case.c.number >= first)
             .order_by(_case.c.number)
@@ -176,7 +177,7 @@ class CampaignStore:
         )
         with self._store.reading() as connection:
             self._read(connection, campaign_id)
-            return [to_case(row, results) for row in connection.execute(query)]
+            return [to_case(row) for row in connection.execute(query)]
 
     def of_jobs(self, job_ids: Sequence[str]) -> dict[str, tuple[str, str]]:
         """Job -> id and name of its campaign; without those that belong to none."""

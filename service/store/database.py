@@ -12,6 +12,7 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from pydantic_core import from_json
 from sqlalchemy import Connection, Engine, create_engine, event
 
 from service.files.private import private_file, private_folder
@@ -48,6 +49,7 @@ def open_database(path: Path, *, now: Callable[[], float] = time.time) -> Engine
     engine = create_engine(
         f"sqlite:///{path}",
         json_serializer=partial(json.dumps, allow_nan=False),
+        json_deserializer=from_json,  # in less than half the time of json.loads: large campaigns are megabytes
         pool_size=10,
         max_overflow=40,  # one for each thread that serves a request
     )

@@ -155,6 +155,9 @@ class JobOrder:
         return list(values)
 
 
+EVERY, ARRIVAL = JobFilter(), JobOrder()
+
+
 def _after(keys: list[_Key], values: list[Any]) -> ColumnElement[bool]:
     """Whether a row comes after one with these values of the keys."""
     later: ColumnElement[bool] = false()
@@ -167,15 +170,9 @@ def _after(keys: list[_Key], values: list[Any]) -> ColumnElement[bool]:
 class JobLists(JobQueries):
     """Lists of jobs without their specs and results."""
 
-    def newest(self, *, limit: int = 50, before: int | None = None, **wanted: Any) -> list[Job]:
-        """Jobs, newest first, those that arrived before sequence number `before`. wanted: as in `JobFilter`."""
-        query = JobFilter(**wanted).of(select(*LISTED).order_by(JOB.c.seq.desc()).limit(limit))
-        if before is not None:
-            query = query.where(JOB.c.seq < before)
-        with self.reading() as connection:
-            return [to_job(row) for row in connection.execute(query)]
-
-    def page(self, wanted: JobFilter, order: JobOrder, *, size: int, cursor: str | None = None) -> Page[Job]:
+    def page(
+        self, wanted: JobFilter = EVERY, order: JobOrder = ARRIVAL, *, size: int = 50, cursor: str | None = None
+    ) -> Page[Job]:
         """A page of jobs. What arrives or ends between two pages makes no other row come twice or be left out.
 
         Raises CursorError for a cursor of another order.

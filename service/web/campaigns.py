@@ -88,7 +88,7 @@ def get_campaign(
         campaign = service.campaigns.get(campaign_id)
     except UnknownCampaignError:
         return missing(request, f"campaign {campaign_id}")
-    cases = service.campaigns.cases(campaign_id)
+    cases = service.campaigns.cases(campaign_id, whole=False)
     table, results = rows(outcomes(cases)), [CaseResult.of(case) for case in cases]
     marks = scores(table)
     return page(
@@ -159,7 +159,7 @@ def get_compare(
 
 def _fronts(service: Service, campaign_id: str) -> list[Front]:
     """All arms of a campaign by error and cost."""
-    return fronts(scores(rows(outcomes(service.campaigns.cases(campaign_id)))))
+    return fronts(scores(rows(outcomes(service.campaigns.cases(campaign_id, whole=False)))))
 
 
 def _comparison(service: Service, body: dict[str, Any]) -> tuple[dict[str, Any] | None, str]:

@@ -33,7 +33,7 @@ def get_suite(suite: SuiteName, request: Request, service: ServiceOf) -> Respons
     if not found.runs:
         return missing(request, f"campaign of the suite {suite} that has ended")
     latest = found.runs[-1].campaign
-    table = main_rows(rows(outcomes(service.campaigns.cases(latest.id))))
+    table = main_rows(rows(outcomes(service.campaigns.cases(latest.id, whole=False))))
     return page(
         request,
         "suite.html",

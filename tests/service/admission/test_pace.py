@@ -79,7 +79,7 @@ def test_a_dry_run_says_what_a_job_would_take_and_queues_nothing(both: tuple[Tes
     body = told.json()
     assert (body["name"], body["steps"], body["nodes"], body["measured_on"]) == ("line", 1226, 1617, 0)
     assert 0.0 < body["seconds_low"] < body["seconds"] < body["seconds_high"]
-    assert service.store.newest() == []
+    assert service.store.page().items == []
     wrong = http.post("/api/v1/jobs", params={"dry_run": 1}, json={"scenario": {"tissue": {"young_kpa": -1}}})
     assert wrong.status_code == 422
     assert wrong.json()["errors"][0]["field"] == "tissue.young_kpa"

@@ -113,7 +113,7 @@ def test_an_action_over_many_jobs_says_for_each_what_came_of_it(both: tuple[Test
     assert act("retry", queued) == {queued: "job-state"}
     assert act("unpin", pinned) == {pinned: None}
     assert act("pin", pinned, queued) == {pinned: None, queued: None}
-    assert {job.pinned for job in service.store.newest()} == {True}
+    assert {job.pinned for job in service.store.page().items} == {True}
     for body in (
         {"action": "explode", "jobs": [queued]},
         {"action": "pin", "jobs": []},

@@ -103,7 +103,7 @@ def test_every_change_is_seen(changes: list[str]) -> None:
 def test_what_is_done_to_a_campaign_is_done_to_its_jobs(tmp_path: Path, verb: str) -> None:
     with idle_service(tmp_path) as (http, service):
         campaign = http.post("/api/v1/campaigns", json=_GRID).json()
-        (first, second) = (job.id for job in service.store.newest())
+        (first, second) = (job.id for job in service.store.page().items)
         assert [now(service.job_views, job_id) for job_id in (first, second)].count(None) == 0
         assert http.post(campaign["links"]["cancel"]).status_code == 202
         service.campaigns.settle()

@@ -158,13 +158,13 @@ def test_what_is_pinned_or_has_not_ended_is_not_deleted(both: Both) -> None:
     assert service.campaigns.get(campaign).terminal
     refused("campaign-pinned")
     http.delete(f"{API}/jobs/{first.id}/pin")
-    second = next(job for job in service.store.newest() if job.id != first.id)
+    second = next(job for job in service.store.page().items if job.id != first.id)
     assert second.state == CANCELLED
     assert http.post(f"{API}/jobs/{second.id}/retry").status_code == 202
     refused("campaign-state")
     finish(service)
     assert http.delete(url).status_code == 204
-    assert service.store.newest() == []
+    assert service.store.page().items == []
 
 
 @pytest.mark.slow

@@ -5,12 +5,18 @@ from __future__ import annotations
 import csv
 import io
 import re
+from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 from urllib.parse import urljoin
 
 import pytest
 
+from benchmarks.paper.table import rows
+from service.campaigns.cases import CaseResult
+from service.campaigns.results import outcomes
+from service.campaigns.trends import point
 from service.store.job import CANCELLED, FAILED, FINISHED, Outcome
+from simcore.arms import Arm
 from tests.service.http import idle_service
 
 if TYPE_CHECKING:
@@ -180,6 +186,47 @@ def test_results_outlive_their_jobs(both: tuple[TestClient, Service]) -> None:
     assert all(insertion.pop("link").startswith("/jobs/") for insertion in before["chosen"])
     assert after == before
     assert [score["arm"] for score in before["scores"]] == ["ifem", "open_loop"]
+
+
+def test_the_measured_part_of_results_is_enough_for_tables_and_trends(both: tuple[TestClient, Service]) -> None:
+    http, service = both
+    made = start(http)
+    arm = Arm(
+        kind="plugin",
+        controller="mine",
+        settings={"gain": 0.1 + 0.2},
+        version="1.2",
+        code_sha256="ab" * 32,
+        files={"weights": "cd" * 32},
+    )
+    for number in range(3):
+        job = service.store.claim()
+        assert job is not None
+        metrics = {"stable": True, "rmse_commanded_mm": 1 / 3, "max_needle_stress_mpa": 1e-17, "success": None}
+        rest = {"message": "ä\n“x”"} if number else {}
+        origin = {
+            "scenario": (job.spec or {})["scenario"],
+            "commit": "abc",
+            "cpu": "cpu",
+            "cpu_count": 2,
+            "arm": arm.data(),
+        }
+        result = {"status": "completed", "metrics": metrics, "warnings": ["1.5 mm"], "provenance": origin, **rest}
+        service.store.finish(job, Outcome(state=FINISHED, result=result))
+    last = service.store.claim()
+    assert last is not None
+    service.store.finish(last, Outcome(state=FAILED, error_kind="exception", error="it broke"))
+    service.keeper.tick()
+    whole, measured = (service.campaigns.cases(made["id"], whole=whole) for whole in (True, False))
+    assert [case.result is None for case in measured] == [False, False, False, True]
+    assert [CaseResult.of(case) for case in measured] == [CaseResult.of(case) for case in whole]
+    tables = [rows(outcomes(cases)) for cases in (whole, measured)]
+    kept = [[replace(row, scenario={}) for row in table] for table in tables]
+    assert kept[0] == kept[1]
+    for told in ("entry_mm", "end_mm", "yielded"):
+        assert [getattr(row, told) for row in tables[0]] == [getattr(row, told) for row in tables[1]]
+    campaign = service.campaigns.get(made["id"])
+    assert point(campaign, outcomes(measured)) == point(campaign, outcomes(whole))
 
 
 @pytest.mark.slow

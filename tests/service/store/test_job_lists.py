@@ -83,7 +83,7 @@ def test_names_are_sorted_whatever_their_case(store: Store) -> None:
 
 
 def test_what_arrives_between_two_pages_makes_no_job_come_twice(store: Store) -> None:
-    known = {job.id for job in store.newest()}
+    known = {job.id for job in store.page().items}
     late = iter([0.05, 0.3, 3.0])
     found = [job.id for job in walk(store, JobOrder(sort="rmse"), lambda: add(store, "late", next(late, 0.0)))]
     assert len(found) == len(set(found))
@@ -114,10 +114,10 @@ def test_what_is_said_of_a_job_while_it_runs_is_kept_at_its_end(store: Store) ->
 
 
 def test_jobs_are_found_by_their_tags(store: Store) -> None:
-    tagged = store.newest()[0]
+    tagged = store.page().items[0]
     store.edit(tagged.id, {"tags": ["Liver", "größe 2"]})
     for text in ("liver", "LIV", "größe", "2"):
-        assert [job.id for job in store.newest(containing=text) if job.id == tagged.id], text
-    assert store.newest(containing='"') == []
-    assert [job.id for job in store.newest(tag="Liver")] == [tagged.id]
-    assert store.newest(tag="Liv") == []
+        assert [job.id for job in store.page(JobFilter(containing=text)).items if job.id == tagged.id], text
+    assert store.page(JobFilter(containing='"')).items == []
+    assert [job.id for job in store.page(JobFilter(tag="Liver")).items] == [tagged.id]
+    assert store.page(JobFilter(tag="Liv")).items == []

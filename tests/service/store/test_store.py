@@ -24,6 +24,7 @@ from service.store.job import (
     Outcome,
     UnknownJobError,
 )
+from service.store.job_lists import JobFilter
 from service.store.job_queries import HIGHEST, LANES
 from service.store.jobs import Store
 from tests.budget import examples
@@ -172,7 +173,7 @@ def test_an_idempotency_key_gives_the_same_job_again(store: Store) -> None:
     assert submit(store, key="k", request_hash="1").id == job.id
     with pytest.raises(KeyReusedError, match=job.id):
         submit(store, key="k", request_hash="2")
-    assert len(store.newest()) == 1
+    assert len(store.page().items) == 1
 
 
 def test_only_ended_jobs_can_be_deleted(store: Store) -> None:
@@ -188,12 +189,12 @@ def test_only_ended_jobs_can_be_deleted(store: Store) -> None:
 
 def test_pages_are_newest_first_and_without_the_large_fields(store: Store) -> None:
     jobs = [submit(store, str(i)) for i in range(5)]
-    page = store.newest(limit=2)
-    assert [job.name for job in page] == ["4", "3"]
-    assert [job.name for job in store.newest(limit=9, before=page[-1].seq)] == ["2", "1", "0"]
-    assert (page[0].spec, page[0].result) == (None, None)
+    page = store.page(size=2)
+    assert [job.name for job in page.items] == ["4", "3"]
+    assert [job.name for job in store.page(size=9, cursor=page.next_cursor).items] == ["2", "1", "0"]
+    assert (page.items[0].spec, page.items[0].result) == (None, None)
     store.cancel(jobs[1].id)
-    assert [job.name for job in store.newest(state="cancelled")] == ["1"]
+    assert [job.name for job in store.page(JobFilter(state="cancelled")).items] == ["1"]
 
 
 def test_a_result_with_nan_is_refused_and_the_job_stays(store: Store) -> None:
@@ -285,7 +286,7 @@ def test_a_clock_that_is_set_back_orders_nothing(tmp_path: Path) -> None:
         open_database(lay_down(tmp_path / "jobs.sqlite")), now=lambda: times.pop(0) if len(times) > 1 else times[0]
     )
     first, second = submit(store, "a"), submit(store, "b")
-    assert [job.name for job in store.newest()] == ["b", "a"]
+    assert [job.name for job in store.page().items] == ["b", "a"]
     running = claim(store)
     assert running.name == "a"
     store.finish(running, RESULT)
@@ -429,8 +430,8 @@ def test_a_job_that_finished_has_an_outcome(store: Store, kind: str, result: dic
     done = store.finish(store.get(job.id), Outcome(state="finished", result=result))
     assert (done.outcome, store.get(job.id).outcome) == (outcome, outcome)
     assert store.events(job.id)[-1].data == {"outcome": outcome}
-    assert [one.id for one in store.newest(outcome=outcome)] == [job.id]
-    assert store.newest(outcome="inverted") == []
+    assert [one.id for one in store.page(JobFilter(outcome=outcome)).items] == [job.id]
+    assert store.page(JobFilter(outcome="inverted")).items == []
     assert store.outcomes() == {outcome: 1}
 
 

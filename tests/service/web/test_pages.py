@@ -16,6 +16,7 @@ from service.api.context import Service
 from service.recording import web_viewer as viewer_files
 from service.store import schema
 from service.store.job import Outcome
+from service.store.job_lists import JobFilter
 from service.web import assets, formatting
 from service.web.form import Group, paths, scenario_form
 from service.web.models import errors_drawing
@@ -236,7 +237,7 @@ def test_hostile_names_stay_text(site: Site) -> None:
 @pytest.mark.slow
 def test_a_variant_of_a_job_leaves_the_spacing_to_be_derived(site: Site) -> None:
     http, service, _ = site
-    job = service.store.newest(state="finished")[-1].id
+    job = service.store.page(JobFilter(state="finished")).items[-1].id
     (given,) = Page(http.get(f"/submit?from={job}").text).values("data-given")
     assert json.loads(given)["interaction"]["spacing_mm"] is None
 
