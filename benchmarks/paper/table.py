@@ -221,8 +221,9 @@ def arms(table: Iterable[Row]) -> list[str]:
 
 
 def arm_name(arm: str) -> str:
-    """As people call it."""
-    return ARM_NAMES.get(arm, arm)
+    """As people call it; what stands in brackets behind it, an edition or a campaign, is kept."""
+    name, *behind = arm.split(" (", 1)
+    return " (".join([ARM_NAMES.get(name, name), *behind])
 
 
 def groups(table: Iterable[Row]) -> list[str]:

@@ -66,7 +66,7 @@ def point(campaign: Campaign, results: Sequence[Outcome]) -> Point:
     return Point(
         at=campaign.created_at,
         commit=source.get("commit"),
-        machine=f"{source.get('cpu', 'unknown')}, {source.get('cpu_count', '?')} cores",
+        machine=f"{source.get('cpu') or 'unknown'}, {source.get('cpu_count') or '?'} cores",
         rmse_commanded_mm={row.id: row.rmse_commanded_mm for row in table},
         digests={row.id: row.digest for row in table},
         successes=len([row for row in table if row.success]),

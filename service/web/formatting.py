@@ -6,6 +6,8 @@ from datetime import UTC, datetime
 from typing import Any
 from zoneinfo import ZoneInfo
 
+from benchmarks.paper.table import arm_name
+
 ABSENT = "–"
 STATES = {
     "queued": "waiting",
@@ -70,7 +72,7 @@ def sentence(one: dict[str, Any]) -> str:
 
 
 def _finding(one: dict[str, Any]) -> str:
-    first, second, difference = one["first"], one["second"], one["difference_mm"]
+    first, second, difference = arm_name(one["first"]), arm_name(one["second"]), one["difference_mm"]
     basis = _count(one["clusters"], one["unit"])
     if one["pairs"] != one["clusters"]:
         basis += f" of {_count(one['pairs'], 'pair')}"

@@ -10,7 +10,7 @@ from fastapi import Request
 from jinja2 import Environment, FileSystemLoader, StrictUndefined
 from starlette.responses import HTMLResponse
 
-from benchmarks.paper.table import BESIDE
+from benchmarks.paper.table import BESIDE, arm_name
 from service.access import SESSION_COOKIE
 from service.api.root_path import root, rooted_page
 from service.display import shown, size_text
@@ -41,6 +41,7 @@ def environment() -> Environment:
         lstrip_blocks=True,
     )
     templates.filters.update(
+        arm=arm_name,
         state=formatting.state,
         num=formatting.number,
         span=formatting.span,

@@ -10,6 +10,7 @@ from markupsafe import Markup, escape
 
 from benchmarks.level_steps import LevelStep, level_steps
 from benchmarks.paper.table import BESIDE
+from benchmarks.svg_plot import Axis
 from service.web.formatting import when
 from service.web.pictures.frame import Ruler, text
 
@@ -81,7 +82,8 @@ def _svg(
     heading: str, values: Sequence[float], steps: Sequence[LevelStep], changes: Sequence[Change], sentence: str
 ) -> Markup:
     across = Ruler.of([0.0, float(max(len(values) - 1, 1))], LEFT, WIDTH - RIGHT, log=False)
-    up = Ruler.of(values, HEIGHT - BOTTOM, TOP, log=False)
+    shares = Axis(0.0, 100.0, HEIGHT - BOTTOM, TOP, False)  # over 100 % there is nothing
+    up = Ruler(shares, {}) if heading == SUCCESS else Ruler.of(values, HEIGHT - BOTTOM, TOP, log=False)
     places = [(across.at(float(i)), up.at(value)) for i, value in enumerate(values)]
     parts = [f'<svg viewBox="0 0 {WIDTH} {HEIGHT}" role="img" aria-label="{escape(heading)}: {escape(sentence)}">']
     for at, words in up.ticks()[::2]:
