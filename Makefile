@@ -52,7 +52,7 @@ kernels: env  ## compile the simulator's kernels, once for these sources
 checked: env-dev
 	@$(MAKE) --no-print-directory -j2 check kernels
 
-test: checked  ## everything that a change must pass: lint, formatting, types and the tests, on every core
+test: checked  ## everything that a change must pass: lint, formatting, types and the tests, on every core (CORES=4 for four processes)
 	$(BIN)/python -m pytest -m "not long" $(PARALLEL) $(ARGS)
 
 test-fast: checked  ## the same without the slow tests

@@ -51,8 +51,10 @@ def checked_command(command: Any, base: Pose, step: int) -> Pose:
 def _reach_problem(position_m: Floats, base_m: Floats) -> str | None:
     """Why a command (3,) is too far from the base (3,) to be meant, both m, world; None if it is not."""
     away_m = norm(position_m - base_m)
+    if away_m <= FAR_M:
+        return None
     where = f"{_shown(position_m)}, {away_m:.4g} m from the base"
-    if away_m > FAR_M and norm(position_m * 1e-3 - base_m) < FAR_M / 2:
+    if norm(position_m * 1e-3 - base_m) < FAR_M / 2:
         return f"{where}: that looks like millimetres, position_m is in metres"
     if away_m > FARTHEST_M:
         return f"{where}: at most {FARTHEST_M:g} m are allowed"

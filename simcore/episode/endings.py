@@ -97,10 +97,12 @@ def shaft_beside(insertion: Insertion, state: InsertionState) -> str | None:
     beside the tissue or in it, where nothing would stop it."""
     bodies, needle, inward = state.bodies, insertion.needle, insertion.model.channel.inward
     free_m = needle.length_m - state.inserted_m
-    enters, _, _, _, _ = shaft_frame(bodies.needle_x, bodies.needle_R, needle.element_length_m, free_m)
     arcs = needle.element_length_m * np.arange(needle.elements + 1)
     nodes = bodies.needle_x[(arcs < free_m) | (arcs == 0.0)]
     depths = times(nodes - insertion.entry_m, inward)
+    if depths.max() <= DEEPER_M:  # of nearly all states, wherever the shaft enters
+        return None
+    enters, _, _, _, _ = shaft_frame(bodies.needle_x, bodies.needle_R, needle.element_length_m, free_m)
     surface = dot(insertion.held_shift_m(state), inward)
     allowed = max(0.0, surface, dot(enters - insertion.entry_m, inward)) + DEEPER_M
     deepest = int(depths.argmax())

@@ -128,8 +128,7 @@ class Episode:
             how = f"{self.status}: {self.message}" if self.message else str(self.status)
             raise EpisodeOverError(f"the episode is over after {self.step_number} steps ({how}); reset it first")
         pose = checked_command(command, self.state.base, self.step_number)
-        with _one_thread():
-            self._advance(pose, limited)
+        self._advance(pose, limited)
         return self.observation, self.done
 
     def _advance(self, command: Pose, limited: bool) -> None:

@@ -125,7 +125,7 @@ class Insertion:
 
         guess: where the solver begins, for a channel that is open already; None = where the last step leads to.
         """
-        solved = self._solve(state, state.channel.copy(), base, guess)
+        solved = self._solve(state, state.channel, base, guess)
         if solved.report.status is Status.COMPLETED and _punctures(solved):
             channel = state.channel.copy()
             puncture(channel, self.model.channel)

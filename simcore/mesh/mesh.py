@@ -81,7 +81,8 @@ class MaterialPoints:
 
     def positions(self, x: Floats, rest_nodes_m: Floats) -> Floats:
         """(k, 3) m where they are when the nodes are at x (n, 3) m."""
-        moved: Floats = self.rest_m + np.einsum("ka,kai->ki", self.weights, (x - rest_nodes_m)[self.nodes])
+        shifts = x[self.nodes] - rest_nodes_m[self.nodes]
+        moved: Floats = self.rest_m + np.einsum("ka,kai->ki", self.weights, shifts)
         return moved
 
 
@@ -125,7 +126,8 @@ class BoxMesh(Mesh):
 
     def outside_by(self, points_m: Floats) -> Floats:
         """(n,) m: distances of points (n, 3), rest space, from the box; 0 inside."""
-        return np.asarray(np.linalg.norm(points_m - np.clip(points_m, 0.0, self.size_m), axis=1))
+        beyond = points_m - np.minimum(np.maximum(points_m, 0.0), self.size_m)
+        return np.asarray(np.linalg.norm(beyond, axis=1)) if beyond.any() else np.zeros(len(points_m))
 
 
 def box_mesh(size_m: Floats, cells: tuple[int, int, int]) -> BoxMesh:

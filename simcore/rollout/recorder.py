@@ -128,7 +128,7 @@ class Recorder:
         step = episode.step_number
         base = state.base
         mesh = self.insertion.tissue.mesh
-        displacement = state.bodies.x - mesh.nodes_m
+        squared = (state.bodies.x - mesh.nodes_m) ** 2
         blocks = self.insertion.workspace.blocks
         strain = strain_extremes(state.bodies.x, blocks.corners, blocks.gradients)
         offset = lateral_offset(self.insertion.model, state.bodies, state.inserted_m)[0]
@@ -155,7 +155,7 @@ class Recorder:
             violation_m=state.report.violation_m,
             min_det_f=state.report.min_det_f,
             min_det_f_at_m=mesh.nodes_m[mesh.tets[strain.least_det_tet]].mean(axis=0),
-            max_displacement_m=float(np.sqrt((displacement**2).sum(axis=1).max())),
+            max_displacement_m=float(np.sqrt((squared[:, 0] + squared[:, 1] + squared[:, 2]).max())),
             max_strain=strain.largest_strain,
             entry_drag_m=self._entry_drag_m(),
             needle_stress_pa=self._needle_stress_pa(),

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 from typing import TYPE_CHECKING, Protocol, TypeVar
 
 import numpy as np
@@ -80,8 +80,7 @@ class StepRecord:
 
 def sealed(shown: Shown) -> Shown:
     """The same scene or record with read-only arrays: whoever watches cannot change the run."""
-    for field in fields(shown):
-        value = getattr(shown, field.name)
+    for value in vars(shown).values():
         if isinstance(value, np.ndarray):
             value.flags.writeable = False
     return shown
