@@ -166,7 +166,7 @@ class CampaignStore:
         whole: False reads of each result what tables, scores and trends need. first: number of the first case, from 0;
         limit: at most so many.
         """
-        columns = [_case.c.number, _case.c.case_id, _case.c.labels, _case.c.job_id]
+        columns: list[Any] = [_case.c.number, _case.c.case_id, _case.c.labels, _case.c.job_id]
         columns += [_job.c.state, _job.c.error_kind, _job.c.error, WHOLE if whole else MEASURED]
         query = (
             select(*columns)
