@@ -22,6 +22,7 @@ if TYPE_CHECKING:
 
     Vector = NDArray[np.float64]
 
+EVEN = 1e-8  # a grading below which the cells are even to rounding
 LEAST_SHARE = 0.1  # of an edge: how near to a wall the small cells follow the path
 
 
@@ -38,7 +39,8 @@ def graded_block(
         edge = size_mm[axis]
         middle = np.clip(centre[:, axis], LEAST_SHARE * edge, (1.0 - LEAST_SHARE) * edge)
         along = 2.0 * box.nodes_m[:, axis] / edge - 1.0  # -1 at one wall, 0 in the middle column, 1 at the other
-        far = np.sinh(grading * np.abs(along)) / np.sinh(grading) if grading else np.abs(along)
+        even = grading < EVEN  # sinh(g a) / sinh(g) is a there, and the numbers of the quotient may be too small
+        far = np.abs(along) if even else np.sinh(grading * np.abs(along)) / np.sinh(grading)
         nodes[:, axis] = middle + np.where(along < 0.0, -middle, edge - middle) * far
     return box, nodes
 

@@ -7,7 +7,7 @@ from xml.etree import ElementTree
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import example, given
 from hypothesis import strategies as st
 
 from benchmarks.ports import BenchPorts, Crew
@@ -31,6 +31,7 @@ def volumes_mm3(nodes: np.ndarray, tets: np.ndarray) -> np.ndarray:
 
 @pytest.mark.slow
 @given(x=st.floats(0.0, 36.0), y=st.floats(0.0, 62.0), depth=st.floats(20.0, 122.0), grading=st.floats(0.0, 4.0))
+@example(x=0.0, y=0.0, depth=20.0, grading=5e-324)
 def test_a_graded_block_is_sound_wherever_its_path_ends(x: float, y: float, depth: float, grading: float) -> None:
     """No tetrahedron is turned over, the volume is the block's, walls and surface are where they were."""
     box, nodes = graded_block(SIZE_MM, CELLS, ENTRY_MM, np.array([x, y, depth]), grading)
