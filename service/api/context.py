@@ -16,6 +16,7 @@ from service.api.event_hub import EventHub
 from service.api.job_view_cache import JobViewCache
 from service.api.openapi import SCOPE_FIELD
 from service.api.problems import HttpError
+from service.campaigns.measured import MeasuredCampaigns
 from service.engine import retention
 from service.engine.change_notifier import Changes
 from service.engine.engine import Engine
@@ -47,6 +48,7 @@ class Service:
     uploads: Uploads
     models: Models
     campaigns: CampaignStore
+    measured: MeasuredCampaigns
     schedules: ScheduleStore
     keeper: Keeper
     history: History
@@ -87,6 +89,7 @@ class Service:
             uploads=uploads,
             models=Models(uploads, store),
             campaigns=campaigns,
+            measured=MeasuredCampaigns(campaigns),
             schedules=schedules,
             keeper=keeper,
             history=history,

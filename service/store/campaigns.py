@@ -6,7 +6,7 @@ import secrets
 from dataclasses import fields
 from typing import TYPE_CHECKING, Any
 
-from sqlalchemy import Connection, case, delete, insert, select, update
+from sqlalchemy import Connection, case, delete, func, insert, select, update
 
 from service.store import schema
 from service.store.campaign import (
@@ -178,6 +178,16 @@ class CampaignStore:
         with self._store.reading() as connection:
             self._read(connection, campaign_id)
             return [to_case(row) for row in connection.execute(query)]
+
+    def version_of_jobs(self, campaign_id: str) -> tuple[int, int]:
+        """How many of its jobs there are, and the sum of their versions: jobs only go, and versions only grow, so that
+        both are as before only where nothing has changed."""
+        query = select(func.count(_job.c.id), func.coalesce(func.sum(_job.c.version), 0)).where(
+            _case.c.campaign_id == campaign_id, _job.c.id == _case.c.job_id
+        )
+        with self._store.reading() as connection:
+            jobs, versions = connection.execute(query).one()
+        return jobs, versions
 
     def of_jobs(self, job_ids: Sequence[str]) -> dict[str, tuple[str, str]]:
         """Job -> id and name of its campaign; without those that belong to none."""

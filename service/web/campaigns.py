@@ -7,17 +7,15 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 from fastapi import APIRouter, Query, Request, Response
 from pydantic import BaseModel, Field
 
-from benchmarks.cautions import cautions
-from benchmarks.paper.table import BESIDE, arms, main_rows, rows
+from benchmarks.paper.table import BESIDE
 from benchmarks.suites.catalogue import suite_names
 from service.api.context import Service, ServiceOf
 from service.api.parameters import CampaignId, Cursor
 from service.api.schemas.campaigns import CampaignState, CampaignView, ComparisonView
-from service.campaigns.cases import FIELDS, MEASURES, CaseResult, Column, scores, sorted_cases
+from service.campaigns.cases import FIELDS, MEASURES, CaseResult, Column, sorted_cases
 from service.campaigns.comparison import arms_of, compare_campaigns, compare_within
 from service.campaigns.fronts import Front, fronts
 from service.campaigns.overview import campaign_page, overview
-from service.campaigns.results import outcomes
 from service.store.campaign import Campaign, UnknownCampaignError
 from service.web.form import paths
 from service.web.pictures.fronts import front_pictures
@@ -88,25 +86,23 @@ def get_campaign(
         campaign = service.campaigns.get(campaign_id)
     except UnknownCampaignError:
         return missing(request, f"campaign {campaign_id}")
-    cases = service.campaigns.cases(campaign_id, whole=False)
-    table, results = rows(outcomes(cases)), [CaseResult.of(case) for case in cases]
-    marks = scores(table)
+    found = service.measured.of(campaign_id)
     return page(
         request,
         "campaign.html",
         campaign=CampaignView.of(overview(service.campaigns, campaign, now=service.store.now)),
-        scores=marks,
-        fronts=front_pictures(fronts(marks)),
-        pictures=_pictures(campaign, results, wanted),
+        scores=found.scores,
+        fronts=front_pictures(fronts(found.scores)),
+        pictures=_pictures(campaign, found.results, wanted),
         columns_beside=[(name, BESIDE[field]) for name, field in FIELDS.items() if field in BESIDE],
-        cases=sorted_cases(results, wanted.sort, descending=wanted.down)[wanted.first :][:CASES],
+        cases=sorted_cases(found.results, wanted.sort, descending=wanted.down)[wanted.first :][:CASES],
         first=wanted.first,
         size=CASES,
         sort=wanted.sort,
         down=wanted.down,
-        arms=arms(main_rows(table)),
-        ended=len(table),
-        cautions=cautions((row.id, row.warnings) for row in table),
+        arms=found.arms,
+        ended=found.ended,
+        cautions=found.cautions,
     )
 
 
@@ -159,7 +155,7 @@ def get_compare(
 
 def _fronts(service: Service, campaign_id: str) -> list[Front]:
     """All arms of a campaign by error and cost."""
-    return fronts(scores(rows(outcomes(service.campaigns.cases(campaign_id, whole=False)))))
+    return fronts(service.measured.of(campaign_id).scores)
 
 
 def _comparison(service: Service, body: dict[str, Any]) -> tuple[dict[str, Any] | None, str]:

@@ -15,18 +15,24 @@ if TYPE_CHECKING:
     import random
     from pathlib import Path
 
+_OPEN = 6  # jobs that have not ended, at each kill
+
 
 def test_workers_are_killed(tmp_path: Path, moments: int, chance: random.Random, figures: dict[str, object]) -> None:
     with running_server(tmp_path, runner=RUNNER) as server:
         first = server.client.wait(server.client.submit(scenario(0)).id)
         pace_s = _duration_s(first.raw)
-        ids = [first.id, *(server.client.submit(scenario(number)).id for number in range(1, 6))]
+        ids = [first.id]
         killed: list[tuple[str, int]] = []
         idle = 0
         while len(killed) + idle < moments:
-            until(lambda: bool(_at_work(server)), patience_s=600, pause_s=0.1)
+            while _open(server) < _OPEN:  # however many ended before anybody was killed
+                ids.append(server.client.submit(scenario(len(ids))).id)
             time.sleep(chance.uniform(0, pace_s))
-            busy = _at_work(server) if chance.random() < 0.8 else []  # else also while they start, or wait
+            at_work = chance.random() < 0.8  # else also who starts, or waits
+            if at_work:
+                until(lambda: bool(_at_work(server)), patience_s=600, pause_s=0.01)
+            busy = _at_work(server) if at_work else []
             victim = chance.choice(sorted(busy or children(server.process.pid)))
             job = works_on(victim)
             if job is not None and job[1] >= 3:  # a third death would be its last
@@ -36,7 +42,6 @@ def test_workers_are_killed(tmp_path: Path, moments: int, chance: random.Random,
                 idle += 1
             else:
                 killed.append(job)
-            ids.append(server.client.submit(scenario(len(ids))).id)
         done = [server.client.wait(job, timeout_s=600) for job in ids]
         assert {job.state for job in done} == {"finished"}, [job.error for job in done if job.error]
         died = {job.id: crashes(server.client, job) for job in done}
@@ -47,6 +52,11 @@ def test_workers_are_killed(tmp_path: Path, moments: int, chance: random.Random,
         check_digests(done)
     figures.update(kills=len(killed) + idle, of_idle_workers=idle, jobs=len(done), run_again=sum(died.values()))
     figures.update(lost=0, others_touched=0, recordings=dict(seen))
+
+
+def _open(server: Server) -> int:
+    """How many jobs have not ended."""
+    return sum(len(list(server.client.jobs(state=state))) for state in ("queued", "running"))
 
 
 def _at_work(server: Server) -> list[int]:
