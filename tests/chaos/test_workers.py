@@ -26,7 +26,7 @@ def test_workers_are_killed(tmp_path: Path, moments: int, chance: random.Random,
         killed: list[tuple[str, int]] = []
         idle = 0
         while len(killed) + idle < moments:
-            while _open(server) < _OPEN:  # however many ended before anybody was killed
+            for _ in range(_OPEN - _open(server)):  # however many ended before anybody was killed
                 ids.append(server.client.submit(scenario(len(ids))).id)
             time.sleep(chance.uniform(0, pace_s))
             at_work = chance.random() < 0.8  # else also who starts, or waits
