@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import ctypes
+import sys
 import threading
 from contextlib import suppress
 from contextvars import copy_context
@@ -33,7 +34,8 @@ class PluginThread:
     BLAS thread as the caller has.
 
     A function that is late is left behind: Python ends it at its next instruction, but not while it waits in a call of
-    the system, and never while it computes in C without letting go of the interpreter.
+    the system, and never while it computes in C without letting go of the interpreter. Where `_ending_would_stall`, it
+    is not ended.
     """
 
     def __init__(self, name: str) -> None:
@@ -71,7 +73,7 @@ class PluginThread:
     def _abandon(self) -> None:
         self._late = True
         self._calls.put(None)
-        if (identity := self._thread.ident) is not None:
+        if (identity := self._thread.ident) is not None and not _ending_would_stall():
             ctypes.pythonapi.PyThreadState_SetAsyncExc(ctypes.c_ulong(identity), ctypes.py_object(_AbandonedError))
 
     def _serve(self) -> None:
@@ -82,6 +84,12 @@ class PluginThread:
                     self._replies.put(_called(function))
         finally:
             self._ready.set()
+
+
+def _ending_would_stall() -> bool:
+    """Whether this thread is traced, by a debugger or for coverage, under Python 3.11: that stands at its next call,
+    with a core at full load, until an exception that was set for another thread has arrived there."""
+    return sys.version_info < (3, 12) and sys.gettrace() is not None
 
 
 def _called(function: Callable[[], Any]) -> Reply:

@@ -350,6 +350,8 @@ from service.recording.observer import RerunObserver
 from tests.service.fake_run import FakeRun
 from tests.service.recording.test_recording import short
 
+signal.signal(signal.SIGTERM, signal.SIG_DFL)  # coverage has a handler of its own where it measures
+
 class Killer:
     def begin(self, scene, first): pass
     def end(self, rollout): pass

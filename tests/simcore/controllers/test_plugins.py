@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import os
+import subprocess
+import sys
 import threading
 from typing import TYPE_CHECKING, Any, ClassVar
 
@@ -223,6 +225,24 @@ def test_one_that_hangs_ends_the_run_by_name_and_keeps_what_was_run(does: str) -
     assert len(done.series["t_s"]) == 6
 
 
+def test_a_traced_process_does_not_stand_until_one_that_hangs_has_ended() -> None:
+    """Under a debugger, or while coverage is measured."""
+    code = (
+        "import sys, threading\n"
+        "from simcore.controllers.plugin_thread import LateError, PluginThread\n"
+        "sys.settrace(lambda *_: None)\n"
+        "try:\n"
+        "    PluginThread('hangs').call(lambda: threading.Event().wait(600.0), 0.5)\n"
+        "except LateError:\n"
+        "    print('late')\n"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=120.0, check=False)
+    assert done.stdout == "late\n", done.stderr
+
+
+@pytest.mark.skipif(
+    sys.version_info < (3, 12) and sys.gettrace() is not None, reason="Python 3.11 is traced: it is not ended then"
+)
 def test_a_loop_of_python_that_nobody_waits_for_any_more_is_ended() -> None:
     run(thinking(settings={"does": "loops"}, step_timeout_s=1.0))
     Thinks.threads[0].join(60.0)
