@@ -19,6 +19,7 @@ if TYPE_CHECKING:
 
 BUDGET_MM = 2.5  # [ours] of rcm_max_mm, fixed before any result: an axis through the entry costs 1.5 to 2.1 mm
 OUTCOME = "rmse_commanded_mm"
+CROSS_TRACK = "cross_track_rmse_mm"  # what is left of it without the lag along the path that a delay makes
 
 
 def within_budget(row: Row) -> bool:
@@ -41,7 +42,8 @@ class Estimate:
 @dataclass(frozen=True)
 class CellScore:
     """One cell. over_budget: insertions outside of the budget, failed or not. rmse_mm: over all insertions, failures
-    worst; rmse_inside_mm: over those inside of the budget. beside: metrics of `table.BESIDE` over stable insertions."""
+    worst; rmse_inside_mm: over those inside of the budget; cross_track_mm: of the distance from the path, over all.
+    beside: metrics of `table.BESIDE` over stable insertions."""
 
     cell: str
     arm: str
@@ -56,6 +58,7 @@ class CellScore:
     inside_interval: Interval
     rmse_mm: Estimate
     rmse_inside_mm: Estimate
+    cross_track_mm: Estimate
     beside: Mapping[str, Estimate]
     yielded: int
 
@@ -78,6 +81,7 @@ def score(cell: Cell, mine: Sequence[Row]) -> CellScore:
         inside_interval=wilson(len(kept), len(mine)),
         rmse_mm=estimate(mine, [row.ranked(OUTCOME) for row in mine]),
         rmse_inside_mm=estimate(kept, [row.ranked(OUTCOME) for row in kept]),
+        cross_track_mm=estimate(mine, [row.ranked(CROSS_TRACK) for row in mine]),
         beside={metric: _measured(stable, metric) for metric in BESIDE},
         yielded=sum(bool(row.yielded) for row in mine),
     )

@@ -28,6 +28,7 @@ if TYPE_CHECKING:
     from benchmarks.settling.cells import Cell
 
 SCALE = SettlingScale(name="full", band_mm=0.001, band_difference_mm=0.001)
+BESIDE_MM = 0.004  # of each insertion: its distance from the path
 Measure = tuple[float, float | None]  # tip RMSE (infinite: failed), largest RCM error; mm
 
 
@@ -47,6 +48,7 @@ def made(measure: Any, *, end_points: int = 20, names: Sequence[str] = PAIR) -> 
                 labels = labelled("CUR", cell.arm, point, direction, cell=cell.name, plant=cell.plant.name)
                 one = outcome(f"cur-{point:03}{direction}-{cell.name}", values[0], labels)
                 one.result["metrics"] |= {"rcm_max_mm": values[1], "max_push_n": 2.0, "entry_drag_mm": 0.4}
+                one.result["metrics"] |= {"cross_track_rmse_mm": BESIDE_MM}
                 found.append(one)
     return found
 
@@ -217,6 +219,7 @@ def test_a_cell_shows_what_its_error_was_paid_with() -> None:
     assert (found.insertions, found.end_points, found.failed, found.over_budget) == (28, 7, 7, 7)
     assert found.rmse_mm.median == pytest.approx(0.25)  # 0.1, 0.2, 0.3 and a failure
     assert found.rmse_inside_mm.median == pytest.approx(0.2)  # 0.1, 0.2 and a failure
+    assert found.cross_track_mm.median == BESIDE_MM  # the same three times, and a failure
     assert found.beside["rcm_max_mm"].median == pytest.approx(0.53)  # of stable ones: 0.53, 0.53, 3
     assert found.beside["max_push_n"].median == 2.0
     assert found.beside["rcm_max_mm"].interval.low >= 0.5
