@@ -235,8 +235,8 @@ def _markdown(scenario: Scenario, table: Table) -> str:
     head = (
         f"# Force curve\n\nStraight insertion at {SPEED_MM_S:g} mm/s, {HOLD_S:g} s of rest, withdrawal; "
         f"h = {scenario.tissue.element_size_mm:g} mm, dt = {1e3 * scenario.dt_s:g} ms, a skin that is punctured"
-        f" at {CLOSED_SKIN_N:g} N, all else the default. The model is quasi-static: nothing relaxes during the hold. The"
-        " push is a saw: a point that was just cut is sheared before it slips.\n\n![force curve](forces.svg)\n\n"
+        f" at {CLOSED_SKIN_N:g} N, all else the default. The model is quasi-static: nothing relaxes during the hold."
+        " The push is a saw: a point that was just cut is sheared before it slips.\n\n![force curve](forces.svg)\n\n"
     )
     return head + table.markdown() + LIVER_NOTE
 
