@@ -213,30 +213,31 @@ def builtin_scenarios() -> str:
 _COMPARED = (
     ("h = 6 mm (default)", "mesh", "6", "h = 4 mm", "4"),
     ("h = 10 mm", "mesh", "10", "h = 4 mm", "4"),
+    ("ball of 4 mm", "spread", "4", "ball of 6 mm (default)", "6"),
+    ("spacing 3 mm (default)", "spacing", "3", "spacing 1 mm", "1"),
+    ("spacing 12 mm", "spacing", "12", "spacing 1 mm", "1"),
     ("20 beams (default)", "beams", "20", "80 beams", "80"),
     ("dt = 10 ms (default)", "dt", "10", "dt = 1.2 ms", "1.2"),
-    ("spacing 12 mm", "spacing", "2", "spacing 6 mm (default)", "1"),
-    ("bare points, spread 0", "spread", "0", "spread 4 mm (default)", "4"),
+    ("held tip", "coupling", "held tip", "free tip (default)", "free tip"),
+    ("hard points, held tip", "coupling", "hard", "compliant line, free tip (default)", "free tip"),
     ("back face held, z", "faces", "z", "faces across y held (default)", "y"),
 )
 
 
 def discretisation() -> str:
-    """What one change of the discretisation does to the tip and the forces."""
+    """What one change of the discretisation, or of what is coupled and held, does to the tip and the forces."""
     found = {(row["sweep"], row["variant"]): row for row in _csv("sweeps/sweeps.csv")}
     rows = []
     for label, sweep, variant, against, reference in _COMPARED:
         here, there = found[sweep, variant], found[sweep, reference]
-        forces = [
-            signed_percent(float(here[name]) / float(there[name]))
-            for name in ("entry_mean_n", "push_mean_n", "lateral_mean_n")
-        ]
-        rows.append((label, against, f"{float(here['tip_max_mm']):.2g}", *forces))
+        forces = [signed_percent(float(here[name]) / float(there[name])) for name in ("push_mean_n", "lateral_mean_n")]
+        entry = " / ".join(f"{1e3 * float(row['entry_mean_n']):.2f}" for row in (here, there))
+        rows.append((label, against, f"{float(here['tip_max_mm']):.2g}", entry, *forces))
     head = (
         "variant",
         "against",
         "largest tip difference mm",
-        "mean lateral force at the entry",
+        "mean lateral force at the entry mN",
         "mean push",
         "mean sum of lateral forces",
     )
