@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import csv
 import io
+import math
 from dataclasses import astuple, dataclass, fields
 from typing import TYPE_CHECKING
 
@@ -141,6 +142,14 @@ def _csv(rows: list[VariantRow]) -> str:
     return text.getvalue()
 
 
+def _series(mine: Sequence[VariantRow], measure: str, *, apart: bool) -> Line:
+    """A measure over the sweep's values; apart: without lines between them, where there is nothing between two."""
+    points = [(row.place, float(getattr(row, measure))) for row in mine]
+    if apart:
+        points = [one for point in points for one in (point, (point[0], math.nan))]
+    return Line("", [x for x, _ in points], [y for _, y in points])
+
+
 def _picture(sweeps: Sequence[tuple[str, str, bool, bool]], rows: list[VariantRow]) -> str:
     """A row of panels for each sweep, a column for each measure."""
     grid = []
@@ -150,10 +159,10 @@ def _picture(sweeps: Sequence[tuple[str, str, bool, bool]], rows: list[VariantRo
         grid.append(
             [
                 Panel(
-                    TITLES[name] if column == 0 else title,
+                    TITLES[name].partition(":")[0] if column == 0 else title,
                     x_label,
                     f"{title}, {unit}" if column == 0 else unit,
-                    (Line("", [row.place for row in mine], [getattr(row, measure) for row in mine]),),
+                    (_series(mine, measure, apart=named),),
                     x_log=log,
                     y_zero=True,
                     x_names=names,
