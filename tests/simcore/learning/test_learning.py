@@ -111,6 +111,13 @@ def test_weights_and_biases_are_uniform_in_their_range(name: str) -> None:
     np.testing.assert_allclose(drawn.std(), 0.7 / np.sqrt(3), rtol=0.05)
 
 
+def test_the_default_ridge_has_no_visible_bias() -> None:
+    plain, default = (
+        machine.fit(X, Y).predict(X) for machine in (ExtremeLearningMachine(ridge=0.0), ExtremeLearningMachine())
+    )
+    assert np.abs(default - plain).max() < 1e-3 * Y.std()
+
+
 def test_more_nodes_fit_closer_and_the_default_is_the_papers() -> None:
     def rmse(nodes: int) -> float:
         return float(np.sqrt(np.mean((ExtremeLearningMachine(nodes=nodes).fit(X, Y).predict(X) - Y) ** 2)))
