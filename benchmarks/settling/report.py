@@ -1,5 +1,5 @@
-"""settling.json holds every figure and test, settling.html shows it, cases.csv is what they rest on, pareto.svg is the
-picture alone."""
+"""settling.json holds every figure and test, settling.html shows it, settling.md has the main tables, cases.csv is what
+they rest on, pareto.svg is the picture alone."""
 
 from __future__ import annotations
 
@@ -16,6 +16,7 @@ from benchmarks.paper.table import TRAINING, Row, insertions_csv, rows
 from benchmarks.settling.analysis import CLAIM, Planned, families, planned_comparisons
 from benchmarks.settling.cells import cells
 from benchmarks.settling.figure import pareto
+from benchmarks.settling.markdown import markdown
 from benchmarks.settling.plan import CELL
 from benchmarks.settling.scale import END_POINTS, EXPLORED
 from benchmarks.settling.scores import BUDGET_MM, OUTCOME, score
@@ -29,7 +30,7 @@ if TYPE_CHECKING:
     from benchmarks.settling.scale import SettlingScale
 
 SCHEMA = "needlebench/settling/1"
-JSON, HTML, CSV, PARETO = "settling.json", "settling.html", "cases.csv", "pareto.svg"
+JSON, HTML, MARKDOWN, CSV, PARETO = "settling.json", "settling.html", "settling.md", "cases.csv", "pareto.svg"
 Json = dict[str, Any]
 
 
@@ -84,12 +85,14 @@ def html(report: Json) -> str:
 
 
 def write(outcomes: Sequence[Outcome], scale: SettlingScale, out: Path, provenance: Mapping[str, Any]) -> Path:
-    """Write the four files into `out`, each complete or as it was; the path of the page."""
+    """Write the five files into `out`, each complete or as it was; the path of the page."""
     report = document(outcomes, scale, provenance)
+    picture = pareto(report)
     texts = {
         CSV: insertions_csv(rows(outcomes)),
-        PARETO: pareto(report),
+        PARETO: picture,
         HTML: html(report),
+        MARKDOWN: markdown(report, drawn=picture is not None),
         JSON: json.dumps(report, indent=1, allow_nan=False, ensure_ascii=False) + "\n",
     }
     for name, text in texts.items():

@@ -139,8 +139,8 @@ def settle(scale_name: str, path: Path, workers: int, fields: bool, **options: A
                                   needlebench settle --scale mine.json
 
     \b
-    In DIR: settling.html, settling.json, cases.csv (one line an insertion), pareto.svg, results/ID.json, series/ID.npz,
-    dataset-PLANT.npz, models/elm-PLANT.json.
+    In DIR: settling.html, settling.md, settling.json, cases.csv (one line an insertion), pareto.svg, results/ID.json,
+    series/ID.npz, dataset-PLANT.npz, models/elm-PLANT.json.
 
     \b
     Exit code: 0 done   2 bad scale or folder, too little space   1 crash   130 Ctrl-C

@@ -15,6 +15,7 @@ from benchmarks.paper.evidence import NOT_REPRODUCED, REPRODUCED, UNDECIDED
 from benchmarks.paper.table import rows
 from benchmarks.settling.analysis import Planned, band_of, families, planned_comparisons, together
 from benchmarks.settling.cells import AXIS, cells, planned_pairs
+from benchmarks.settling.markdown import markdown
 from benchmarks.settling.report import document, html, write
 from benchmarks.settling.scale import SettlingScale
 from benchmarks.settling.scores import BUDGET_MM, score, within_budget
@@ -248,7 +249,9 @@ def test_the_report_holds_everything_and_the_page_shows_it(tmp_path: Path) -> No
     measure = elm_is(-0.2)
     outcomes = made(lambda *where: (math.inf, 0.5) if where[2] == 3 else measure(*where), names=ALL)
     page = write(outcomes, SCALE, tmp_path, {"plan_sha256": "abc"})
-    assert {path.name for path in tmp_path.iterdir()} == {"settling.json", "settling.html", "cases.csv", "pareto.svg"}
+    tables, picture = tmp_path / "settling.md", tmp_path / "pareto.svg"
+    others = {"settling.json", "settling.html", "cases.csv"}
+    assert {path.name for path in tmp_path.iterdir()} == {tables.name, picture.name, *others}
     report = json.loads((tmp_path / "settling.json").read_text())
     assert (len(report["cells"]), len(report["planned"]), report["counts"]["insertions"]) == (20, 16, 1600)
     assert report["rules"]["budget_mm"] == BUDGET_MM
@@ -261,9 +264,13 @@ def test_the_report_holds_everything_and_the_page_shows_it(tmp_path: Path) -> No
     assert "band, ELM minus I-FEM, axis on CUR: 0.001 mm" in text
     assert "Bands of this discretisation (named by the scale): RMSE of a controller: 0.001 mm" in text
     assert html(report) == text
-    drawn = (tmp_path / "pareto.svg").read_text()
+    drawn = picture.read_text()
     assert drawn.count("<circle") == 20
     assert drawn in text
+    lines = tables.read_text().splitlines()
+    assert "| all planned comparisons | reproduced | 16 | 0 | 0 |" in lines
+    assert "| converged | 0 | rows with weight 1 | reproduced | 80 | 0.197 | 0.397 | −0.200 | 3e-05 | 0 / 0 |" in lines
+    assert sum(line.startswith(("| ELM | ", "| I-FEM | ")) for line in lines) == 20
 
 
 @pytest.mark.slow
@@ -273,3 +280,6 @@ def test_a_part_of_the_plan_has_a_page_too() -> None:
     coarse = SettlingScale(name="coarse", element_size_mm=12.0)
     assert "Bands of this discretisation: unknown, so that nothing is decided." in html(document(outcomes, coarse))
     assert document([], SCALE)["cells"][0]["rmse_mm"]["median"] is None
+    tables = markdown(json.loads(json.dumps(document(outcomes, SCALE))), drawn=False)
+    assert "| converged | 0 | rows with weight 1 | undecided | 0 | – | – | – | " in tables
+    assert "pareto.svg" not in tables
