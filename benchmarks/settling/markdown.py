@@ -24,7 +24,8 @@ def markdown(report: Json, *, drawn: bool) -> str:
         f"# Curved paths: what decides\n\n{counts['insertions']} insertions in {len(cells)} cells, of which"
         f" {counts['failed'] or 'none'} failed. The undelayed ELM against each cell of I-FEM on the same plant, at"
         f" equal RCM budget of {rules['budget_mm']:g} mm; p by the sign test over end points, adjusted by Holm over"
-        f" {rules['planned_comparisons']}. Medians over end points. Reasons and intervals are in settling.html.\n"
+        f" {rules['planned_comparisons']}. Differences and cells: medians over end points; errors of two compared: over"
+        " their pairs. Reasons and intervals are in settling.html.\n"
     )
     picture = "\n![tip error over RCM error](pareto.svg)\n" if drawn else ""
     tables = (_together(report), _planned(report, cells), _cells(report))
