@@ -70,6 +70,8 @@ def test_time_is_judged_against_the_same_machine(step_ms: float, mark: Mark) -> 
 def test_a_noisy_machine_allows_more() -> None:
     history = [replace(BASE, step_ms=step) for step in (1.5, 2.0, 2.5)]
     assert judge(replace(BASE, step_ms=3.0), history).time is Mark.SAME
+    assert judge(replace(BASE, step_ms=4.9), history).time is Mark.SAME  # four standard deviations are 4 x 1.4826 x 0.5
+    assert judge(replace(BASE, step_ms=5.0), history).time is Mark.WORSE
 
 
 def test_every_point_of_a_history_is_judged_by_those_before() -> None:
