@@ -31,10 +31,12 @@ RECORDED_ARMS = 4  # I-FEM and ELM along LIN and CUR: best, median and worst of 
 
 @dataclass(frozen=True)
 class StepCost:
-    """Measured at the scale's discretisation: CPU seconds of a step that steers by I-FEM and of one that does not."""
+    """Measured at the scale's discretisation: CPU seconds of a step that steers by I-FEM and of one that does not, and
+    what target noise adds, since a needle that jerks takes more iterations."""
 
     ifem_s: float
     plain_s: float
+    noise_s: float = 0.0
 
     def of(self, case: Case) -> float:
         """Estimated CPU seconds of an insertion."""
@@ -45,7 +47,8 @@ class StepCost:
             each = self.ifem_s * SEPARATE_SOLVES
         else:
             each = self.ifem_s if block["kind"] == "ifem" else self.plain_s
-        return each * steps(case)
+        noise_s = self.noise_s if case.scenario.get("noise_mm") else 0.0
+        return (each + noise_s) * steps(case)
 
 
 @dataclass(frozen=True)
@@ -145,7 +148,9 @@ def steps(case: Case) -> int:
 
 
 def probes(scale: ExperimentScale) -> Sequence[Case]:
-    """Two insertions whose CPU time tells what the others will cost: with I-FEM and without."""
-    case = training_cases(scale)[0]
-    plain = {**case.scenario, "controller": {"kind": "open_loop"}}
-    return [Case("probe-ifem", case.scenario, {}), Case("probe-plain", plain, {})]
+    """Three insertions whose CPU time tells what the others will cost: with I-FEM, with target noise besides, and
+    without a controller."""
+    noisy = training_cases(scale)[0].scenario
+    quiet = {**noisy, "noise_mm": 0.0}
+    plain = {**quiet, "controller": {"kind": "open_loop"}}
+    return [Case("probe-ifem", quiet, {}), Case("probe-noise", noisy, {}), Case("probe-plain", plain, {})]

@@ -15,6 +15,7 @@ Json = dict[str, Any]
 
 RCM = "rcm_max_mm"
 BEYOND = 1e3  # mm, wider than any axis
+ROWS, AXIS, ELM = 0, 2, 1  # colours
 
 
 def pareto(report: Json) -> str | None:
@@ -45,18 +46,19 @@ def pareto(report: Json) -> str | None:
 
 
 def _lines(scores: Sequence[Json]) -> list[Line]:
-    """A line through the row weights of each delay, a dot for each other cell; dashed = delayed."""
+    """A line through the row weights of each delay, a dot for each other cell; a colour for each kind of controller,
+    dashed and hollow where it is delayed."""
     lines = []
     for delay in sorted({s["delay_ms"] for s in scores if s["arm"] == "ifem"}):
         mine = [s for s in scores if s["arm"] == "ifem" and s["delay_ms"] == delay]
         rows = [s for s in mine if s["rows"].startswith("rows")]
         axis = [s for s in mine if not s["rows"].startswith("rows")]
-        lines.append(_line(f"I-FEM, rows, {delay:g} ms", rows, delay))
-        lines.append(_line(f"I-FEM, axis, {delay:g} ms", axis, delay))
+        lines.append(_line(f"I-FEM, rows, {delay:g} ms", rows, delay, ROWS))
+        lines.append(_line(f"I-FEM, axis, {delay:g} ms", axis, delay, AXIS))
     elm = [s for s in scores if s["arm"] == "elm"]
-    return lines + [_line(f"ELM, {s['delay_ms']:g} ms", [s], s["delay_ms"]) for s in elm]
+    return lines + [_line(f"ELM, {s['delay_ms']:g} ms", [s], s["delay_ms"], ELM) for s in elm]
 
 
-def _line(label: str, scores: Sequence[Json], delay_ms: float) -> Line:
+def _line(label: str, scores: Sequence[Json], delay_ms: float, colour: int) -> Line:
     x = [s["beside"][RCM]["median"] for s in scores]
-    return Line(label, x, [s["rmse_mm"]["median"] for s in scores], dashed=delay_ms > 0.0)
+    return Line(label, x, [s["rmse_mm"]["median"] for s in scores], dashed=delay_ms > 0.0, colour=colour)

@@ -52,7 +52,10 @@ def _panel(panel: Panel, x0: float, y0: float, width: float, height: float, clip
         *_grid(panel, x_axis, y_axis),
         f"<clipPath id='{clip}'><rect x='{left - 5:.1f}' y='{top - 5:.1f}' width='{right - left + 10:.1f}' "
         f"height='{bottom - top + 10:.1f}'/></clipPath><g clip-path='url(#{clip})'>",
-        *(_line(line, x_axis, y_axis, i % len(COLOURS)) for i, line in enumerate(panel.lines)),
+        *(
+            _line(line, x_axis, y_axis, colour % len(COLOURS))
+            for line, colour in zip(panel.lines, panel.series(), strict=True)
+        ),
         *(_box(box, x_axis, y_axis) for box in panel.boxes),
         "</g>",
         text((left + right) / 2, bottom + 32, panel.x_label, anchor="middle", fill=PALE),
@@ -122,13 +125,17 @@ def _line(line: Line, x_axis: Axis, y_axis: Axis, series: int) -> str:
         path += f"{'L' if drawing else 'M'}{px:.1f} {py:.1f}"
         drawing = True
         if line.markers:
-            dots += (
-                f"<circle class='s{series} halo' cx='{px:.1f}' cy='{py:.1f}' r='3.2' fill='{colour}' stroke='white' "
-                "stroke-width='0.8'/>"
-            )
+            dots += _marker(px, py, series, hollow=line.dashed)
     style = f"stroke='{colour}' stroke-width='1.9' stroke-linejoin='round'{_dash(line)}"
     shadow = _shadow(line, x_axis, y_axis, series)
     return f"{shadow}<path class='s{series}' d='{path or 'M0 0'}' fill='none' {style}/>{dots}"
+
+
+def _marker(x: float, y: float, series: int, *, hollow: bool) -> str:
+    colour = COLOURS[series]
+    style = f"fill='none' stroke='{colour}' stroke-width='1.8'" if hollow else f"fill='{colour}' stroke='white'"
+    classes, width = (f"s{series}", "") if hollow else (f"s{series} halo", " stroke-width='0.8'")
+    return f"<circle class='{classes}' cx='{x:.1f}' cy='{y:.1f}' r='3.2' {style}{width}/>"
 
 
 def _shadow(line: Line, x_axis: Axis, y_axis: Axis, series: int) -> str:
@@ -186,8 +193,8 @@ def _legend_rows(labels: Sequence[str], width: float) -> list[list[str]]:
 
 def _legend(panel: Panel, rows: list[list[str]], left: float, top: float) -> list[str]:
     marks = {}
-    for i, line in enumerate(panel.lines):
-        series = i % len(COLOURS)
+    for line, colour in zip(panel.lines, panel.series(), strict=True):
+        series = colour % len(COLOURS)
         marks[line.label] = f"class='s{series}' stroke='{COLOURS[series]}' stroke-width='2.4'{_dash(line)}"
     parts = []
     for number_, row in enumerate(rows):

@@ -12,12 +12,14 @@ if TYPE_CHECKING:
 @dataclass(frozen=True)
 class Line:
     """One curve; a point that is not finite (or not positive on a logarithmic axis) interrupts it. spread: lowest and
-    highest value at each x, drawn as a shadow."""
+    highest value at each x, drawn as a shadow. dashed: with hollow markers. colour: number of the series, None = the
+    line's place in its panel."""
 
     label: str
     x: Sequence[float]
     y: Sequence[float]
     dashed: bool = False
+    colour: int | None = None
     markers: bool = True
     spread: tuple[Sequence[float], Sequence[float]] | None = None
 
@@ -64,3 +66,7 @@ class Panel:
     x_names: tuple[str, ...] = ()
     boxes: tuple[BoxMark, ...] = ()
     y_also: tuple[float, ...] = ()
+
+    def series(self) -> list[int]:
+        """The number of each line's colour."""
+        return [i if line.colour is None else line.colour for i, line in enumerate(self.lines)]

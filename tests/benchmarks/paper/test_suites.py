@@ -191,6 +191,9 @@ def test_a_plan_tells_time_and_space() -> None:
     assert one["experiments"] == pytest.approx(2 * two["experiments"])
     assert one["timing"] == two["timing"]  # one worker whatever the number
     assert plan.insertions == sum(len(stage.cases) for stage in plan.stages)
+    noisy = plan.seconds(StepCost(ifem_s=0.002, plain_s=0.001, noise_s=0.002), 1)
+    assert noisy["data set"] == pytest.approx(2 * one["data set"])
+    assert one["experiments"] < noisy["experiments"] < 2 * one["experiments"]  # some of its paths are noisy
     ids = [case.id for stage in plan.stages for case in stage.cases]
     assert len(ids) == len(set(ids))
     assert 1e6 < plan.bytes < 1e9
