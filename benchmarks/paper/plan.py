@@ -13,7 +13,14 @@ from typing import TYPE_CHECKING, Any, ClassVar
 
 from benchmarks.cases import Case
 from benchmarks.paper.scale import BAND_FIELDS
-from benchmarks.paper.suites import paper_cases, seed_cases, sensitivity_cases, timing_cases, training_cases
+from benchmarks.paper.suites import (
+    nominal_ifem_cases,
+    paper_cases,
+    seed_cases,
+    sensitivity_cases,
+    timing_cases,
+    training_cases,
+)
 from benchmarks.paper.training_study import other_training_cases, quiet_cases, training_study_cases
 
 if TYPE_CHECKING:
@@ -122,12 +129,17 @@ class Plan(StagedPlan):
         stages = (
             Stage("data set", tuple(training_cases(scale)), trains=True),
             Stage("other data sets", tuple(other_training_cases(scale)), trains=True),
-            Stage("experiments", (*paper_cases(scale, model_names()), *quiet_cases(scale))),
+            Stage("experiments", experiments(scale)),
             Stage("ELM seeds", tuple(seed_cases(scale, elm_names(scale)))),
             Stage("sensitivity", (*sensitivity_cases(scale, model_names()), *training_study_cases(scale))),
             Stage("timing", tuple(timing_cases(scale, model_names())), alone=True),
         )
         return tuple(stage for stage in stages if stage.cases)
+
+
+def experiments(scale: Scale) -> tuple[Case, ...]:
+    """LIN, CUR and variable Young's modulus, there with I-FEM as well, and the ELM that was trained without noise."""
+    return (*paper_cases(scale, model_names()), *nominal_ifem_cases(scale), *quiet_cases(scale))
 
 
 def elm_names(scale: Scale) -> list[str]:

@@ -62,7 +62,9 @@ class Scale(ExperimentScale):
     )
     cur: int = Field(100, ge=1, le=100, description="end points whose four curved test paths are run")
     young: int = Field(100, ge=0, le=100, description="end points run at a Young's modulus of their own")
-    young_ifem: bool = Field(False, description="I-FEM with the nominal model there too")
+    young_ifem: int = Field(
+        0, ge=0, le=100, description="of these, the first that I-FEM runs too, with a model of the nominal modulus"
+    )
     reference_lin: Count = Field(100, description="straight paths of the open-loop and rigid-needle arms")
     reference_cur: Count = Field(100, description="end points of these arms on curved paths")
     reference_directions: int = Field(1, ge=1, le=4, description="directions at each, 1 = a different one in turn")
@@ -98,6 +100,7 @@ SCALES = {
         lin=4,
         cur=2,
         young=2,
+        young_ifem=1,
         reference_lin=4,
         reference_cur=2,
         reference_young=1,
@@ -120,6 +123,7 @@ SCALES = {
         lin=25,
         cur=15,
         young=15,
+        young_ifem=5,
         reference_lin=25,
         reference_cur=15,
         reference_young=5,
@@ -130,10 +134,10 @@ SCALES = {
         sensitivity_lin=4,
         sensitivity_cur=4,
     ),
-    "full": Scale(name="full", reference_young=10, baselines=5, timing=10),
+    "full": Scale(name="full", young_ifem=25, reference_young=10, baselines=5, timing=10),
     "extended": Scale(
         name="extended",
-        young_ifem=True,
+        young_ifem=100,
         reference_directions=4,
         reference_young=100,
         noise=100,
@@ -148,7 +152,7 @@ SCALE_TEXT = {
     "smoke": "does everything work? a coarse mesh and time step, a handful of paths",
     "quick": "a first look: coarser mesh and time step, a quarter of the paths; it decides nothing either",
     "full": "the paper: 105 + 500 I-FEM + 500 ELM + 500 ELM at variable stiffness, and what they are compared with",
-    "extended": "full, with I-FEM at variable stiffness, all references, 20 seeds x 25 paths, more sensitivity",
+    "extended": "full, with all of I-FEM at variable stiffness, all references, 20 seeds x 25 paths, more sensitivity",
 }
 
 

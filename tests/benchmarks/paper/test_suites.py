@@ -19,7 +19,7 @@ from benchmarks.cases import Case, Label, Outcome
 from benchmarks.paper import suites
 from benchmarks.paper.learning import LearningCurves
 from benchmarks.paper.pipeline import Findings, paper_outcomes
-from benchmarks.paper.plan import Plan, StepCost
+from benchmarks.paper.plan import Plan, StepCost, experiments
 from benchmarks.paper.retraining import LABEL, training_conditions, training_scores
 from benchmarks.paper.sampling import end_points_mm, young_kpa
 from benchmarks.paper.scale import SCALE_TEXT, SCALES, Scale, scale_of
@@ -81,7 +81,7 @@ def test_full_is_the_paper() -> None:
         assert counted(full, group="LIN", arm=arm, **plain) == 100
         assert counted(full, group="CUR", arm=arm, **plain) == 400
     assert counted(full, arm="elm", young="variable") == 500
-    assert counted(SCALES["extended"], arm="ifem", young="variable") == 500
+    assert len(suites.nominal_ifem_cases(SCALES["extended"])) == 500
     assert full.seeds >= 20
 
 
@@ -103,6 +103,22 @@ def test_arms_are_paired() -> None:
         key = tuple(case.labels[name] for name in ("group", "young", "noise", "end_point", "direction"))
         rest = {k: v for k, v in case.scenario.items() if k not in ("controller", "name")}
         assert seen.setdefault(key, json.dumps(rest, sort_keys=True)) == json.dumps(rest, sort_keys=True)
+
+
+def test_at_variable_stiffness_ifem_steers_by_its_nominal_model_along_paths_of_the_elm() -> None:
+    scale = SCALES["full"]
+    learned = {_along(case): case.scenario["tissue"] for case in suites.young_cases(scale, MODELS)}
+    known = suites.nominal_ifem_cases(scale)
+    assert len(known) == 5 * scale.young_ifem > 100
+    for case in known:
+        assert case.scenario["controller"]["model"]["young_kpa"] == 6.3
+        assert case.scenario["tissue"] == learned[_along(case)]
+    own = [case for case in experiments(scale) if case.labels["young"] == "variable" and case.labels["arm"] == "ifem"]
+    assert own == known
+
+
+def _along(case: Case) -> tuple[object, ...]:
+    return tuple(case.labels[name] for name in ("group", "end_point", "direction"))
 
 
 def test_a_curved_case_is_what_its_id_says() -> None:
