@@ -24,7 +24,7 @@ VERDICTS = (  # of today's reports, and of those committed before there was a ba
     *("reproduced", "not reproduced under our assumptions", "contradicted"),
     *("undecided", "not testable"),
 )
-UNDECIDED = "undecided; set by the weighting of the remote centre, which the paper leaves open"
+UNDECIDED = "undecided; set by how late I-FEM is, which the paper leaves open"
 
 
 @cache
@@ -142,7 +142,7 @@ def paper_claims() -> str:
     for claim in _json("paper/report.json")["claims"]:
         verdict = f"**{claim['verdict'].capitalize()}.**"
         if claim["key"] == "cur":
-            verdict = f"**{UNDECIDED.capitalize()}.** By the test that was fixed beforehand: {claim['verdict']}."
+            verdict = f"**{_sentence(UNDECIDED)}** By the test that was fixed beforehand: {claim['verdict']}."
         p = "" if claim["p"] is None else f", p = {claim['p']:.2g}"
         test = f" ({claim['test']}{p})" if claim["test"] else ""
         items.append(f"1. *{claim['claim']}.* {verdict}\n\n   {claim['figure']}{test}. {_sentence(claim['reason'])}")

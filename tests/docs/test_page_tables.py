@@ -6,6 +6,7 @@ import csv
 import json
 import re
 import statistics
+from collections import Counter
 
 import pytest
 
@@ -115,7 +116,7 @@ def test_the_verdict_on_curved_paths_is_undecided() -> None:
     report = json.loads((RESULTS / "paper" / "report.json").read_text())["claims"]
     own = [claim["verdict"].capitalize() for claim in report]
     own[[claim["key"] for claim in report].index("cur")] = (
-        "Undecided; set by the weighting of the remote centre, which the paper leaves open"
+        "Undecided; set by how late I-FEM is, which the paper leaves open"
     )
     assert verdicts == own
     assert "By the test that was fixed beforehand: contradicted." in claims
@@ -137,6 +138,24 @@ def test_the_audit_of_curved_paths_can_be_counted_again() -> None:
     assert f"{ahead} of\n   {len(whole)} pairs" in text
     assert len(failed) == 39
     assert all(float(elm["rmse_commanded_mm"]) < float(one["rmse_commanded_mm"]) for one, elm in failed)
+
+
+def test_what_the_settling_experiment_found_is_what_its_report_says() -> None:
+    report = json.loads((RESULTS / "settling" / "settling.json").read_text())
+    text = " ".join((DOCS / "settling.md").read_text().split())
+    counts = Counter(one["claim"]["verdict"] for one in report["planned"])
+    assert counts == {"reproduced": 8, "not reproduced under our assumptions": 1, "undecided": 7}
+    assert "*reproduced* in 8 of the 16 planned comparisons" in text
+    late = [one for one in report["planned"] if one["second"].split("-")[2] == "20ms"]
+    assert {one["claim"]["verdict"] for one in late} == {"reproduced"}
+    punctual = [one for one in report["planned"] if one not in late and one["budget"]["difference_mm"] > 0.0]
+    assert len(punctual) == 7
+    for group in (late, punctual):
+        change = [abs(one["budget"]["difference_mm"]) for one in group]
+        digits = 2 if group is late else 3
+        assert f"by {min(change):.{digits}f} to {max(change):.{digits}f} mm" in text
+        assert {one["budget"]["clusters"] for one in group} == {20}
+        assert {max(one["budget"]["clusters_below"], one["budget"]["clusters_above"]) for one in group} == {20}
 
 
 def test_golden_numbers_arrive() -> None:
