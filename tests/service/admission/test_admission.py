@@ -13,7 +13,7 @@ from service.settings import Limits
 from simcore.errors import ScenarioError
 from simcore.mesh.reader import MeshFile
 from tests.service.http import idle_service
-from tests.service.store.test_uploads import box, scenario, send
+from tests.service.store.uploads import box, scenario, send
 
 if TYPE_CHECKING:
     from collections.abc import Iterator

@@ -15,7 +15,7 @@ from service.recording.section import section
 from simcore.compiled import kernel  # noqa: F401  (sets the compiler up before the first kernel)
 from simcore.tissue.stored import stored
 from tests.service.fake_run import FakeRun, box_mesh
-from tests.service.recording.test_recording import recorded, short, static
+from tests.service.recording.recorded import recorded, short, static
 
 if TYPE_CHECKING:
     from pathlib import Path

@@ -17,7 +17,7 @@ from service.recording import screenshot as pictures
 from service.recording.observer import RerunObserver
 from service.recording.screenshot import NEEDS_DRIVER, screenshot, try_viewer
 from service.recording.viewer import ViewerError
-from tests.service.cli.test_local import VULKAN
+from tests.service.cli.test_view import VULKAN
 from tests.service.fake_run import FakeRun
 
 if TYPE_CHECKING:

@@ -11,7 +11,7 @@ from service.recording.observer import RerunObserver
 from service.recording.together import TogetherError, combine, distinct
 from service.recording.viewer import ViewerError
 from tests.service.fake_run import FakeRun
-from tests.service.recording.test_recording import reader, recorded, short, static
+from tests.service.recording.recorded import reader, recorded, short, static
 
 if TYPE_CHECKING:
     from pathlib import Path

@@ -5,7 +5,7 @@ import re
 from collections import Counter
 from html.parser import HTMLParser
 from importlib.resources import files
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 from urllib.parse import quote, urljoin
 
 import pytest
@@ -13,22 +13,16 @@ from sqlalchemy import update
 from starlette.testclient import TestClient
 
 from service.api.context import Service
-from service.recording import web_viewer as viewer_files
 from service.store import schema
 from service.store.job import Outcome
 from service.store.job_lists import JobFilter
-from service.web import assets, formatting
-from service.web.form import Group, paths, scenario_form
+from service.web import assets
 from service.web.models import errors_drawing
-from simcore.errors import ScenarioError
-from simcore.scenario.presets import preset_names, with_changes
-from simcore.scenario.scenario import Scenario
 from tests.service.http import finish, finish_training, idle_service
 from tests.service.learned import dataset_bytes, model_bytes
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
-    from pathlib import Path
 
 HOSTILE = "<script>alert(1)</script>\"'&"
 VOID = {"area", "base", "br", "col", "hr", "img", "input", "link", "meta", "source"}
@@ -315,158 +309,3 @@ def test_static_files_are_kept_for_good_and_change_their_address(site: Site) -> 
     assert http.get("/static/0000/site.css").status_code == 404
     for name in ("../site.py", "..%2Fsite.py", "%2e%2e/web/site.py", "nothing.css"):
         assert http.get(f"/static/{assets.digest()}/{name}").status_code == 404
-
-
-def test_scripts_import_files_that_are_there_and_nothing_from_elsewhere() -> None:
-    for name, content in assets.files().items():
-        if name.startswith("vendor/") or not name.endswith(".js"):
-            continue
-        text = content.decode()
-        for wanted in re.findall(r'from "\./([^"]+)"', text):
-            assert wanted in assets.files(), (name, wanted)
-        assert not re.search(r"\b(eval|innerHTML|insertAdjacentHTML|document\.write)\b", text), name
-        assert set(re.findall(r"https?://[\w.]+", text)) <= {"http://www.w3.org"}, name
-
-
-def test_vendored_files_come_with_their_licence() -> None:
-    folders = {path.parent for path in (assets.FOLDER / "vendor").rglob("*.js")}
-    notice = (assets.FOLDER / "vendor" / "NOTICE").read_text()
-    for folder in folders:
-        assert "Permission is hereby granted" in (folder / "LICENSE").read_text()
-        assert folder.name in notice.lower()
-        version = re.search(r"\(v([\d.]+)\)", next(folder.glob("*.js")).read_text()[:200])
-        assert version is not None
-        assert version[1] in notice
-
-
-# ---- the form of a scenario
-
-
-def _groups(groups: tuple[Group, ...]) -> Iterator[Group]:
-    for group in groups:
-        yield group
-        yield from _groups(group.groups)
-
-
-def test_the_form_has_every_field_of_the_scenario() -> None:
-    known = set(paths())
-
-    def leaves(data: dict[str, Any], prefix: str = "") -> Iterator[str]:
-        for key, value in data.items():
-            if isinstance(value, dict):
-                yield from leaves(value, f"{prefix}{key}.")
-            else:
-                yield prefix + key
-
-    for name in preset_names():
-        scenario = with_changes(Scenario().resolved(), [])
-        assert set(leaves(scenario)) - {"schema"} <= known, name
-    assert {"controller.kind", "controller.model.young_kpa", "trajectory.amplitude_mm", "controller.poses"} <= known
-
-
-def test_limits_of_the_form_are_those_of_the_scenario() -> None:
-    """What the form calls out of range is refused, and the refusal names the field of the form."""
-    checked = 0
-    for group in _groups(scenario_form()):
-        for entry in group.entries:
-            if entry.entry not in ("number", "integer") or entry.maximum is None or entry.maximum > 1e15:
-                continue
-            changes = [f"{group.path}.kind={(entry.kinds or tuple(group.kinds))[-1]}"] if group.kinds else []
-            if group.inside:
-                changes.insert(0, f"{group.path.rpartition('.')[0]}.kind={group.inside[-1]}")
-            with pytest.raises(ScenarioError) as caught:
-                Scenario.load(with_changes({}, [*changes, f"{entry.path}={2 * entry.maximum + 1}"]))
-            assert entry.path in {problem.field for problem in caught.value.problems}
-            checked += 1
-    assert checked > 30
-
-
-# ---- words
-
-
-@pytest.mark.parametrize(
-    ("seconds", "text"),
-    [(None, "–"), (4.2, "4.2 s"), (59.6, "60 s"), (200, "3 min 20 s"), (7500, "2 h 5 min"), (259200, "3 d")],
-)
-def test_times_in_words(seconds: float | None, text: str) -> None:
-    assert formatting.span(seconds) == text
-
-
-@pytest.mark.parametrize(
-    ("changes", "text"),
-    [
-        ({}, "A has a smaller RMSE than B, by 0.1000 mm"),
-        ({"difference_mm": 0.1}, "B has a smaller RMSE than A, by 0.1000 mm"),
-        ({"p_primary": 0.01, "p_holm": 0.4}, "within what chance would give"),
-        ({"p_holm": 0.4, "equivalent": True}, "shown to be equivalent"),
-        ({"p_holm": 0.06, "clusters": 5}, "5 end points are too few to tell this from chance"),
-        ({}, "sign test over 20 end points of 40 pairs: p < 0.001, adjusted by Holm"),
-        ({"unit": "case", "pairs": 1, "clusters": 1, "p_primary": None, "p_holm": None}, "1 case: nothing is tested"),
-        ({"notes": ["1 case has no partner and left the test"]}, "Note: 1 case has no partner"),
-        ({"difference_mm": 0.0}, "have the same RMSE"),
-        ({"difference_mm": None, "difference_interval_mm": None}, "one of them failed"),
-        ({"difference_interval_mm": [-0.2, None]}, "-0.2000 to unbounded"),
-    ],
-)
-def test_a_comparison_in_words(changes: dict[str, Any], text: str) -> None:
-    one = {
-        "first": "A",
-        "second": "B",
-        "difference_mm": -0.1,
-        "difference_interval_mm": [-0.2, -0.05],
-        "clusters": 20,
-        "pairs": 40,
-        "p_primary": 0.0004,
-        "p_holm": 0.0008,
-        "fewest": 6,
-        "unit": "end point",
-        "notes": [],
-        "equivalent": False,
-    }
-    assert text in formatting.sentence({**one, **changes})
-
-
-# ---- the viewer
-
-
-@pytest.mark.slow
-def test_the_viewer_has_its_own_policy_and_no_link_to_elsewhere(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    page = (
-        b'<html><link rel="preconnect"\n href="https://fonts.example" crossorigin />'
-        b'<link rel="icon" href="favicon.ico">'
-        b"<script>let one = 1;</script><script src='re_viewer.js'></script></html>"
-    )
-    content = dict.fromkeys(viewer_files.FILES, b"x" * 20_000) | {"index.html": page}
-    monkeypatch.setattr(viewer_files, "viewer_files", lambda: content)
-    with idle_service(tmp_path) as (http, _):
-        answer = http.get("/viewer/index.html")
-        assert "fonts" not in answer.text
-        assert answer.text.index(viewer_files.QUIET) < answer.text.index("let one")
-        assert "favicon.ico" in answer.text
-        policy = answer.headers["content-security-policy"]
-        assert "script-src 'self' 'sha256-" in policy
-        assert "frame-ancestors 'self'" in policy
-        assert not re.search(r"https?:|script-src[^;]*unsafe-inline", policy)
-        packed = http.get("/viewer/re_viewer_bg.wasm")
-        assert packed.headers["content-encoding"] == "gzip"
-        assert packed.headers["rerun-final-length"] == "20000"
-        assert packed.content == content["re_viewer_bg.wasm"]
-        plain = http.get("/viewer/re_viewer_bg.wasm", headers={"Accept-Encoding": "identity"})
-        assert "content-encoding" not in plain.headers
-        assert plain.headers["content-type"] == "application/wasm"
-        assert http.get("/viewer/index.html", headers={"If-None-Match": answer.headers["etag"]}).status_code == 304
-        assert http.get("/viewer/sw.js").status_code == 404
-
-
-@pytest.mark.slow
-def test_the_installed_viewer_is_taken_out_whole(tmp_path: Path) -> None:
-    home = viewer_files.folder(tmp_path)
-    assert {path.name for path in home.iterdir()} >= viewer_files.FILES.keys()
-    assert (home / "re_viewer_bg.wasm").read_bytes()[:4] == b"\0asm"
-    page = (home / "index.html").read_bytes()
-    assert b"<link" in page
-    assert not re.search(rb"<link[^>]*https?:", page)
-    assert viewer_files.policy(page).count("'sha256-") == page.count(b"<script>") > 0
-    assert viewer_files.folder(tmp_path) == home

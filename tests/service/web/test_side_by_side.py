@@ -11,7 +11,7 @@ from service.web.side_by_side import fields_apart, numbers
 from simcore.scenario.scenario import Scenario
 from tests.service.fake_run import FakeRun
 from tests.service.http import finish, idle_service
-from tests.service.recording.test_recording import short, static
+from tests.service.recording.recorded import short, static
 
 if TYPE_CHECKING:
     from pathlib import Path

@@ -12,10 +12,8 @@ from scipy.optimize import brentq
 from scipy.spatial.transform import Rotation
 
 from simcore.errors import Status
-from simcore.needle.beam import BeamForces, internal
 from simcore.needle.model import (
     NeedleModel,
-    StaticSolution,
     advance,
     cowper_coefficient,
     factor_blocks,
@@ -24,66 +22,12 @@ from simcore.needle.model import (
     solve_static,
     straight,
 )
-from simcore.needle.shaft import shaft_columns, shaft_frame, shaft_weights
 from simcore.rotations import exp_map
-from simcore.scenario.build import needle_model
-from simcore.scenario.scenario import Needle
+from tests.simcore.needle.rods import EIGHTEEN_GAUGE, bent, dense, evaluate, loaded, unit_rod
 from tests.verification import verify
 
 Vector = np.ndarray
-EIGHTEEN_GAUGE = needle_model(Needle())
 check = partial(verify, "needle")
-RIGID = 1e6  # EA and kGA of the inextensible rods: EI / (EA L^2) = 1e-6
-
-
-def unit_rod(elements: int, *, axial_n: float = RIGID, shear_n: float = math.inf) -> NeedleModel:
-    """EI = GJ = L = 1."""
-    return NeedleModel.from_section(
-        length_m=1.0,
-        elements=elements,
-        axial_n=axial_n,
-        bending_nm2=1.0,
-        torsion_nm2=1.0,
-        shear_n=shear_n,
-        outer_radius_m=0.01,
-    )
-
-
-def evaluate(model: NeedleModel, x: Vector, R: Vector) -> tuple[Vector, Vector, Vector, Vector]:
-    out = BeamForces.of_size(model.elements)
-    internal(x, R, model.section, out)
-    return out
-
-
-def dense(diag: Vector, upper: Vector, lower: Vector) -> Vector:
-    n = len(diag)
-    K = np.zeros((n, 6, n, 6))
-    K[range(n), :, range(n)] = diag
-    K[range(n - 1), :, range(1, n)] = upper
-    K[range(1, n), :, range(n - 1)] = lower
-    return K.reshape(6 * n, 6 * n)
-
-
-def bent(model: NeedleModel, seed: int = 1) -> tuple[Vector, Vector]:
-    """A state with bending, torsion, stretch and shear: neighbouring nodes turned by about 0.3 rad."""
-    rng = np.random.default_rng(seed)
-    x, R = straight(model, np.array([0.1, -0.2, 0.3]), Rotation.random(rng=rng).as_matrix())
-    for i in range(1, len(x)):
-        R[i] = exp_map(rng.normal(scale=0.17, size=3)) @ R[i - 1]
-        x[i] = x[i - 1] + model.element_length_m * (R[i, :, 2] + rng.normal(scale=1e-3, size=3))
-    return x, R
-
-
-def loaded(model: NeedleModel, load: Vector, steps: int, x: Vector, R: Vector) -> StaticSolution:
-    """Equilibrium under a tip load (6,), raised in equal steps; tolerance 1e-11 of the largest stiffness."""
-    external = np.zeros((model.elements + 1, 6))
-    tolerance = 1e-11 * max(model.axial_n, model.bending_nm2 / model.element_length_m)
-    for fraction in np.arange(1, steps + 1) / steps:
-        external[-1] = fraction * np.asarray(load)
-        solution = solve_static(model, x, R, external, tolerance=tolerance)
-        assert solution.status is Status.COMPLETED, solution.status
-        x, R = solution.x, solution.R
-    return solution
 
 
 # the section
@@ -354,61 +298,3 @@ def test_many_moves_keep_the_rotations_orthonormal() -> None:
     for _ in range(2000):
         advance(x, R, rng.normal(scale=0.05, size=(len(x), 6)))
     np.testing.assert_allclose(R @ R.transpose(0, 2, 1), np.broadcast_to(np.eye(3), R.shape), atol=2e-15)
-
-
-# the shaft between nodes
-
-STATIONS = [-0.02, 0.0, 0.004, 0.009, 0.0471, 0.1799, 0.18, 0.2]  # m, of 0.18 m
-
-
-def test_shaft_of_a_straight_needle_is_a_line() -> None:
-    base, rotation = np.array([0.01, 0.02, 0.03]), Rotation.random(rng=np.random.default_rng(6)).as_matrix()
-    x, R = straight(EIGHTEEN_GAUGE, base, rotation)
-    for s in STATIONS:
-        c, dc, ddc, _, _ = shaft_frame(x, R, EIGHTEEN_GAUGE.element_length_m, s)
-        np.testing.assert_allclose(c, base + s * rotation[:, 2], atol=1e-15)
-        np.testing.assert_allclose(dc, rotation[:, 2], atol=1e-13)
-        np.testing.assert_allclose(ddc, 0.0, atol=1e-10)
-
-
-def test_shaft_passes_through_the_nodes_along_their_tangents() -> None:
-    x, R = bent(EIGHTEEN_GAUGE)
-    for i in range(len(x)):
-        c, dc, _, _, _ = shaft_frame(x, R, EIGHTEEN_GAUGE.element_length_m, i * EIGHTEEN_GAUGE.element_length_m)
-        np.testing.assert_allclose(c, x[i], atol=1e-14)
-        np.testing.assert_allclose(dc, R[i, :, 2], atol=1e-12)
-
-
-def test_shaft_between_nodes_is_the_deflection_curve_of_a_slender_beam() -> None:
-    # y = P s^2 (3 L - s) / 6 EI, y' and y'' (Euler-Bernoulli cantilever), here with two beams and no shear
-    model, load, s = unit_rod(2), 1e-5, 0.7
-    solution = loaded(model, load * np.eye(6)[0], 1, *straight(model, np.zeros(3), np.eye(3)))
-    c, dc, ddc, _, _ = shaft_frame(solution.x, solution.R, model.element_length_m, s)
-    expected = np.array([s**2 * (3 - s) / 6, s * (2 - s) / 2, 1 - s]) * load
-    np.testing.assert_allclose([c[0], dc[0], ddc[0]], expected, rtol=1e-6)
-
-
-@pytest.mark.parametrize("s", [-0.02, 0.004, 0.0471, 0.1795, 0.2])
-def test_shaft_weights_are_derivatives_of_each_other(s: float) -> None:
-    h, (n, length) = 1e-6, (EIGHTEEN_GAUGE.elements, EIGHTEEN_GAUGE.element_length_m)
-    w = shaft_weights(n, length, s)[1]
-    slope = (shaft_weights(n, length, s + h)[1] - shaft_weights(n, length, s - h)[1])[:2] / (2 * h)
-    np.testing.assert_allclose(slope[0], w[1], atol=1e-6 * max(np.abs(w[1]).max(), 1.0))
-    np.testing.assert_allclose(slope[1], w[2], atol=1e-6 * max(np.abs(w[2]).max(), 1.0))
-
-
-@pytest.mark.parametrize("s", STATIONS)
-@pytest.mark.parametrize("order", [0, 1, 2])
-def test_shaft_gradient_is_the_derivative_of_the_shaft(s: float, order: int) -> None:
-    model, h = EIGHTEEN_GAUGE, 1e-6
-    x, R = bent(model)
-    e, w = shaft_weights(model.elements, model.element_length_m, s)
-    columns, differences = np.empty((3, 12)), np.zeros((3, 12))
-    shaft_columns(R, e, w[order], columns)
-    for j in range(12):
-        for sign in (1.0, -1.0):
-            dq, moved_x, moved_R = np.zeros((model.elements + 1, 6)), x.copy(), R.copy()
-            dq[e + j // 6, j % 6] = sign * h
-            advance(moved_x, moved_R, dq)
-            differences[:, j] += sign * shaft_frame(moved_x, moved_R, model.element_length_m, s)[order] / (2 * h)
-    np.testing.assert_allclose(columns, differences, atol=1e-8 * np.abs(columns).max())
