@@ -20,6 +20,11 @@ def millimetres(value: float) -> str:
     return "-" if math.isnan(value) else "failure" if math.isinf(value) else f"{value:.3f} mm"
 
 
+def error_text(value: float | None) -> str:
+    """An error in mm for a column, one more digit below ten micrometres; None, which JSON has for it, is a failure."""
+    return "failed" if value is None else f"{value:.4f}" if value < 0.01 else f"{value:.3f}"
+
+
 def signed_text(value: float) -> str:
     """A difference in mm, one more digit below a micrometre; infinite between a failure and another insertion."""
     if math.isinf(value):

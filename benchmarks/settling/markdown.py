@@ -6,7 +6,7 @@ import math
 from typing import TYPE_CHECKING, Any
 
 from benchmarks.measurements import Table
-from benchmarks.paper.number_text import p_value, signed_text
+from benchmarks.paper.number_text import error_text, p_value, signed_text
 from benchmarks.paper.table import BESIDE
 
 if TYPE_CHECKING:
@@ -45,7 +45,7 @@ def _planned(report: Json, cells: Mapping[str, Json]) -> Table:
         cell, found = cells[one["second"]], one["budget"]
         compared = (0, *[NOTHING] * 3)
         if found is not None:
-            medians = (_error(found[f"median_{which}_mm"]) for which in ("first", "second"))
+            medians = (error_text(found[f"median_{which}_mm"]) for which in ("first", "second"))
             compared = (found["pairs"], *medians, _signed(found["difference_mm"]))
         p = p_value(math.nan if one["p_holm"] is None else one["p_holm"])
         outside = " / ".join(map(str, one["outside"]))
@@ -67,16 +67,11 @@ def _cells(report: Json) -> Table:
     rows = []
     for score in report["cells"]:
         some = bool(score["insertions"])
-        errors = (_error(score[key]["median"]) if some else NOTHING for key in ("rmse_mm", "cross_track_mm"))
+        errors = (error_text(score[key]["median"]) if some else NOTHING for key in ("rmse_mm", "cross_track_mm"))
         beside = (_measured(score["beside"][metric]["median"], digits) for metric, (_, digits) in BESIDE.items())
         who = ("ELM" if score["arm"] == "elm" else "I-FEM", score["plant"], score["delay_ms"], score["rows"])
         rows.append((*who, score["failed"], score["over_budget"], *errors, *beside))
     return Table("Cells", (*head, *(name for name, _ in BESIDE.values())), tuple(rows))
-
-
-def _error(value: float | None) -> str:
-    """A median in mm; JSON has null for that of failures."""
-    return "failed" if value is None else f"{value:.4f}" if value < 0.01 else f"{value:.3f}"
 
 
 def _measured(value: float | None, digits: int) -> str:

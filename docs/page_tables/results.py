@@ -10,6 +10,7 @@ from functools import cache
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from benchmarks.paper.number_text import error_text
 from benchmarks.paper.table import ARMS, BESIDE, GROUPS, arm_name
 from page_tables.markdown import percent, signed_percent, table
 
@@ -85,7 +86,7 @@ def summary() -> str:
                 arm_name(score["arm"]),
                 str(score["insertions"]),
                 percent(score["stable"]),
-                f"{score['median_mm']:.3f}",
+                error_text(score["median_mm"]),
                 *(f"{_stable_median(found, metric):.{digits}f}" for metric, (_, digits) in _beside().items()),
             )
         )
@@ -104,9 +105,9 @@ def paper_scores() -> str:
                 arm_name(score["arm"]),
                 str(score["insertions"]),
                 percent(score["stable"]),
-                f"{score['median_mm']:.3f}",
-                f"{score['q1_mm']:.3f}–{score['q3_mm']:.3f}",
-                f"{score['max_mm']:.3f}",
+                error_text(score["median_mm"]),
+                f"{error_text(score['q1_mm'])}–{error_text(score['q3_mm'])}",
+                error_text(score["max_mm"]),
                 percent(score["within_1mm"]),
                 _ratio(score),
                 *(f"{_stable_median(found, metric):.{digits}f}" for metric, (_, digits) in _beside().items()),
@@ -133,7 +134,8 @@ def verdicts() -> str:
     claims = _json("paper/report.json")["claims"]
     counts = Counter("undecided" if claim["key"] == "cur" else claim["verdict"] for claim in claims)
     parts = [f"{counts[verdict]} {verdict}" for verdict in VERDICTS if counts[verdict]]
-    return f"Of the {len(claims)} claims of the paper that were checked: {', '.join(parts[:-1])} and {parts[-1]}."
+    told = " and ".join([", ".join(parts[:-1]), parts[-1]] if parts[1:] else parts)
+    return f"Of the {len(claims)} claims of the paper that were checked: {told}."
 
 
 def paper_claims() -> str:
@@ -156,18 +158,19 @@ def _sentence(text: str) -> str:
 def paper_directions() -> str:
     """Curved paths by the direction of the sine, I-FEM beside the ELM: tip, entry and push."""
     rows = []
+    shown = {metric: digits for metric, (_, digits) in _beside().items()} | {"min_det_f": 2}
     for found in sorted(_json("paper/report.json")["directions"], key=lambda d: (d["varied"][1], d["varied"][0])):
         arms = (found["first"], found["second"])
         both = [_insertions(group="CUR", arm=arm, direction=found["varied"]) for arm in arms]
         cells = [
-            " / ".join(f"{_stable_median(insertions, metric):.2f}" for insertions in both)
-            for metric in (*_beside(), "min_det_f")
+            " / ".join(f"{_stable_median(insertions, metric):.{digits}f}" for insertions in both)
+            for metric, digits in shown.items()
         ]
         failures = [str(sum(row["stable"] == "no" for row in insertions)) for insertions in both]
         rows.append(
             (
                 f"sine along {found['varied'].replace('-', '−')}",
-                f"{found['median_first_mm']:.3f} / {found['median_second_mm']:.3f}",
+                f"{error_text(found['median_first_mm'])} / {error_text(found['median_second_mm'])}",
                 *cells,
                 f"{found['clusters_below']} of {found['clusters']}",
                 " / ".join(failures),
