@@ -54,6 +54,7 @@ ASSUMED = (
     ("needle, inner diameter", "needle", "inner_diameter_mm", " mm"),
     ("damping of the inverse, speed of a direction", "controller", "direction_speed_mm_s", " mm/s"),
     ("weight of the remote-centre rows", "controller", "rcm_weight", ""),
+    ("delay of a controller", "controller", "delay_s", " s"),
     ("solution of a step", "solver", "mode", ""),
 )
 FEW_FAILURES = 3  # fewer have no place that could be compared

@@ -142,10 +142,12 @@ def test_assumptions_are_those_of_the_insertions() -> None:
     outcomes = pair("LIN", [0.1] * 2, [0.1] * 2)
     for made in outcomes:
         made.case.scenario["tissue"] |= {"element_size_mm": 8.0, "fixed_faces": ["y_min", "y_max"]}
-        made.case.scenario["controller"] |= {"rcm_weight": 0.1} if made.case.labels["arm"] == "ifem" else {}
+        ifem = made.case.labels["arm"] == "ifem"
+        made.case.scenario["controller"] |= {"rcm_weight": 0.1, "delay_s": 0.02} if ifem else {"delay_s": 0.0}
     found = assumptions(rows(outcomes))
     assert found == [
         "mesh, edge of a cell: 8.0 mm",
         "held faces: [y_min, y_max]",
         "weight of the remote-centre rows: 0.1",
+        "delay of a controller: 0.0, 0.02 s",
     ]
