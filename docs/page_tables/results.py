@@ -21,11 +21,7 @@ RESULTS = Path(__file__).parents[2] / "benchmarks" / "results"
 Row = dict[str, str]
 Json = dict[str, Any]
 
-VERDICTS = (  # of today's reports, and of those committed before there was a band
-    *("reproduced", "not reproduced under our assumptions", "contradicted"),
-    *("undecided", "not testable"),
-)
-UNDECIDED = "undecided; set by how late I-FEM is, which the paper leaves open"
+VERDICTS = ("reproduced", "not reproduced under our assumptions", "undecided")
 
 
 @cache
@@ -45,7 +41,11 @@ def _csv(name: str) -> tuple[Row, ...]:
 def _insertions(**wanted: str) -> list[Row]:
     """Rows of the main experiment under the primary condition: constant Young's modulus, no target noise."""
     primary = {"young": "constant", "noise": "off", "purpose": "main", "model_seed": "", "parameter": "", **wanted}
-    return [row for row in _csv("paper/insertions.csv") if all(row[name] == value for name, value in primary.items())]
+    return [
+        row
+        for row in _csv("paper/insertions.csv")
+        if all(row.get(name, "") == value for name, value in primary.items())
+    ]
 
 
 def _stable_median(rows: Sequence[Row], metric: str) -> float:
@@ -132,19 +132,17 @@ def paper_scores() -> str:
 def verdicts() -> str:
     """How many claims of the paper ended how, in one sentence."""
     claims = _json("paper/report.json")["claims"]
-    counts = Counter("undecided" if claim["key"] == "cur" else claim["verdict"] for claim in claims)
+    counts = Counter(claim["verdict"] for claim in claims)
     parts = [f"{counts[verdict]} {verdict}" for verdict in VERDICTS if counts[verdict]]
     told = " and ".join([", ".join(parts[:-1]), parts[-1]] if parts[1:] else parts)
     return f"Of the {len(claims)} claims of the paper that were checked: {told}."
 
 
 def paper_claims() -> str:
-    """Each claim of the paper with the verdict of the committed run; the third with what is known about it since."""
+    """Each claim of the paper with the verdict of the committed run."""
     items = []
     for claim in _json("paper/report.json")["claims"]:
-        verdict = f"**{claim['verdict'].capitalize()}.**"
-        if claim["key"] == "cur":
-            verdict = f"**{_sentence(UNDECIDED)}** By the test that was fixed beforehand: {claim['verdict']}."
+        verdict = f"**{_sentence(claim['verdict'])}**"
         p = "" if claim["p"] is None else f", p = {claim['p']:.2g}"
         test = f" ({claim['test']}{p})" if claim["test"] else ""
         items.append(f"1. *{claim['claim']}.* {verdict}\n\n   {claim['figure']}{test}. {_sentence(claim['reason'])}")
