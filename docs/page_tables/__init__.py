@@ -24,6 +24,7 @@ PARTS: dict[str, Callable[..., str]] = {
     "paper scores": results.paper_scores,
     "paper claims": results.paper_claims,
     "paper directions": results.paper_directions,
+    "paper meshes": results.paper_meshes,
     "built-in scenarios": results.builtin_scenarios,
     "discretisation": results.discretisation,
     "speed": results.speed,

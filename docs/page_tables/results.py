@@ -185,6 +185,43 @@ def paper_directions() -> str:
     return table(head, rows, numbers=range(1, len(head)))
 
 
+def paper_meshes() -> str:
+    """Medians over the paths that were run on both meshes, and to how many end points I-FEM is ahead on each."""
+    rows = []
+    coarse, fine = (_errors(name) for name in ("paper/mesh-8/insertions.csv", "paper/insertions.csv"))
+    for group in GROUPS:
+        medians = [
+            error_text(statistics.median(error for key, error in coarse.items() if key[:2] == (group, arm)))
+            + " / "
+            + error_text(statistics.median(fine[key] for key in coarse if key[:2] == (group, arm)))
+            for arm in ("ifem", "elm")
+        ]
+        apart = [
+            error_text(max(abs(error - fine[key]) for key, error in coarse.items() if key[:2] == (group, arm)))
+            for arm in ("ifem", "elm")
+        ]
+        ends = {key[2] for key in coarse if key[:2] == (group, "elm")}
+        ahead = [sum(_lead(errors, group, end) > 0.0 for end in ends) for errors in (coarse, fine)]
+        rows.append((group, *medians, *apart, f"{ahead[0]} / {ahead[1]} of {len(ends)}"))
+    head = ("8 / 6 mm", "I-FEM mm", "ELM mm", "largest change, I-FEM mm", "largest change, ELM mm", "I-FEM ahead to")
+    return table(head, rows, numbers=range(1, 6))
+
+
+Errors = dict[tuple[str, str, str, str], float]  # group, arm, end point, direction -> RMSE in mm
+
+
+def _errors(name: str) -> Errors:
+    keys, primary = ("group", "arm", "end_point", "direction"), ("main", "constant", "off")
+    rows = [row for row in _csv(name) if (row["purpose"], row["young"], row["noise"]) == primary]
+    return {tuple(row[key] for key in keys): float(row["rmse_commanded_mm"]) for row in rows}
+
+
+def _lead(errors: Errors, group: str, end: str) -> float:
+    """By how much I-FEM is ahead to an end point, mm: the median over its directions."""
+    ways = [key[3] for key in errors if key[:3] == (group, "elm", end)]
+    return statistics.median(errors[group, "elm", end, way] - errors[group, "ifem", end, way] for way in ways)
+
+
 # ---- the golden numbers
 
 _SHOWN: tuple[tuple[str, str, Callable[[Any], str]], ...] = (

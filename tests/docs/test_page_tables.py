@@ -119,6 +119,32 @@ def test_every_claim_has_the_verdict_of_the_report() -> None:
         assert f"{count} {verdict}" in counted
 
 
+def test_what_the_page_says_of_the_rerun_can_be_counted_again() -> None:
+    text = " ".join((DOCS / "results.md").read_text().split())
+    with (RESULTS / "paper" / "insertions.csv").open(newline="") as file:
+        rows = list(csv.DictReader(file))
+    assert f"{len(rows):,} insertions of one commit" in text
+    assert {row["status"] for row in rows} == {"completed"}
+    curved = {
+        arm: [row for row in rows if (row["group"], row["arm"], row["young"]) == ("CUR", arm, "constant")]
+        for arm in ("ifem", "elm")
+    }
+    stress = {arm: [float(row["max_needle_stress_mpa"]) for row in found] for arm, found in curved.items()}
+    reached = [f"{max(stress[arm]):.0f}" for arm in stress], [f"{statistics.median(stress[arm]):.0f}" for arm in stress]
+    assert f"reaches {reached[0][0]} MPa at most and {reached[1][0]} in the middle" in text
+    assert f"the ELM {reached[0][1]} and {reached[1][1]}" in text
+    largest = max(float(row["rmse_commanded_mm"]) for row in curved["ifem"])
+    assert f"the largest RMSE of I-FEM's 400 insertions is {largest:.3f} mm" in text
+    ends = json.loads((RESULTS / "paper" / "report.json").read_text())["directions"]
+    assert all(one["clusters_below"] == one["clusters"] == 100 for one in ends)
+
+
+def test_both_meshes_are_compared_along_the_same_paths() -> None:
+    lines = [cells(line) for line in program("page_tables").part("paper meshes").splitlines()]
+    assert [line[0] for line in lines[2:]] == ["LIN", "CUR"]
+    assert all(re.fullmatch(r"20 / 20 of 20", line[5]) for line in lines[2:])
+
+
 def test_what_the_settling_experiment_found_is_what_its_report_says() -> None:
     report = json.loads((RESULTS / "settling" / "settling.json").read_text())
     text = " ".join((DOCS / "settling.md").read_text().split())
