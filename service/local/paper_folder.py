@@ -123,7 +123,7 @@ def _check(folder: PaperFolder, identity: dict[str, Any], any_commit: bool, exte
     old, new = begun.get("scale", {}), identity["scale"]
     differing = [key for key in FINGERPRINT if begun.get(key) != identity[key]]
     if extend and begun.get("schema") == identity["schema"]:
-        differing = [key for key in FOUNDATION if old.get(key) != new.get(key)]
+        differing = [key for key in FOUNDATION if old.get(key) != new.get(key) and _rests_on(key, old)]
     if differing:
         scale, advice = old.get("name", "unknown"), "choose another folder"
         advice += ", or --extend" if extend is False else ""
@@ -131,6 +131,11 @@ def _check(folder: PaperFolder, identity: dict[str, Any], any_commit: bool, exte
     if begun.get("commit") != identity["commit"] and not any_commit:
         commits = f"{begun.get('commit')} and not {identity['commit']}"
         raise folder.refusal(f"was started by commit {commits}; choose another folder, or continue with --any-commit")
+
+
+def _rests_on(key: str, scale: dict[str, Any]) -> bool:
+    """Whether anything of a run rests on a field of its scale: without a training study nothing was retrained."""
+    return key != "retraining" or scale.get(key) != 0
 
 
 def _sweep(path: Path) -> None:

@@ -161,6 +161,16 @@ def test_a_run_is_extended_to_another_scale_and_keeps_what_it_has(tmp_path: Path
         open_folder(folder, identity(plan())).__enter__()
 
 
+def test_a_run_without_a_training_study_is_extended_by_one_and_a_study_by_no_other(tmp_path: Path) -> None:
+    folder = tmp_path / "run"
+    with open_folder(folder, identity(plan(retraining=0, quiet=0))):
+        pass
+    with open_folder(folder, identity(plan(retraining=2)), extend=True):
+        pass
+    with pytest.raises(ScenarioError, match=r"retraining differs\); choose another folder$"):
+        open_folder(folder, identity(plan(retraining=3)), extend=True).__enter__()
+
+
 def test_a_folder_of_another_run_is_refused_and_left_alone(tmp_path: Path) -> None:
     folder = tmp_path / "run"
     with open_folder(folder, identity(plan())):
