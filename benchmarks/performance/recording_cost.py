@@ -27,6 +27,7 @@ class RunTimes:
     loop_s: float
     thread_s: float  # of the thread that simulates
     processor_s: float  # of all threads and child processes
+    realtime: float  # simulated over wall time of the loop
 
 
 def recording(ports: BenchPorts) -> Part:
@@ -54,6 +55,7 @@ def recording(ports: BenchPorts) -> Part:
             figure("recording.processor_ratio", "x", [on.processor_s / off.processor_s for on, off in pairs]),
             figure("recording.on_s", "s", [on.whole_s for on, _ in pairs]),
             figure("recording.off_s", "s", [off.whole_s for _, off in pairs]),
+            figure("recording.realtime", "x", [on.realtime for on, _ in pairs], better="higher"),
         )
     )
 
@@ -69,7 +71,8 @@ def _run_times(ports: BenchPorts, scenario: Scenario, recorded: bool) -> RunTime
     else:
         done = run(scenario)
     thread_s, processor_s = time.thread_time() - simulated, _processor_s() - worked
-    return RunTimes(ports.clock() - started, done.timing["loop_wall_s"], thread_s, processor_s)
+    loop = done.timing
+    return RunTimes(ports.clock() - started, loop["loop_wall_s"], thread_s, processor_s, loop["realtime_factor"])
 
 
 def _processor_s() -> float:

@@ -66,7 +66,7 @@ def carry_out(
         with where.runner(folder=folder.series, files=path.absolute()) as crew:
             cost = _print_plan(plan, crew)
             begun = time.monotonic()
-            with progress_on(plan, cost, max(1, crew.slots)) as listener:
+            with progress_on(plan, cost, max(1, crew.slots), stored=folder.has_result) as listener:
                 result = PaperRun(folder, crew, listener, trainer(plan)).run(stages)
         page = write(result, time.monotonic() - begun)
     click.echo(page)

@@ -55,6 +55,10 @@ class PaperFolder:
             raise self.refusal(f"holds {RESULTS}/{case.id}.json, which is unreadable: {error}; remove it") from None
         return Outcome(case, stored["result"]) if same else None
 
+    def has_result(self, case_id: str) -> bool:
+        """Whether an insertion of this id is stored, unread."""
+        return (self.path / RESULTS / f"{case_id}.json").exists()
+
     def keep(self, outcome: Outcome) -> None:
         """Store an outcome for good."""
         case = outcome.case

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 import click
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator
+    from collections.abc import Callable, Iterator
 
     from rich.progress import Progress
 
@@ -28,9 +28,15 @@ def minutes(seconds: float) -> str:
 
 
 @contextmanager
-def progress_on(plan: StagedPlan, cost: StepCost, workers: int) -> Iterator[ProgressListener]:
-    """A bar with the time left on a terminal, else lines."""
-    share = {case.id: cost.of(case) / (1 if stage.alone else workers) for stage in plan.stages for case in stage.cases}
+def progress_on(
+    plan: StagedPlan, cost: StepCost, workers: int, *, stored: Callable[[str], bool]
+) -> Iterator[ProgressListener]:
+    """A bar with the time left on a terminal, else lines. stored: whether a case, by its id, was run before."""
+    share = {
+        case.id: 0.0 if stored(case.id) else cost.of(case) / (1 if stage.alone else workers)
+        for stage in plan.stages
+        for case in stage.cases
+    }
     if not sys.stderr.isatty():
         yield Lines(share)
         return
@@ -44,32 +50,35 @@ def progress_on(plan: StagedPlan, cost: StepCost, workers: int) -> Iterator[Prog
 
 
 class Lines:
-    """Progress that goes to a file or a pipe: a line now and then. share: estimated seconds of each case by id."""
+    """Progress that goes to a file or a pipe: a line now and then. share: estimated seconds of each case by id, 0 if it
+    was run before."""
 
-    def __init__(self, share: dict[str, float]) -> None:
-        self._share, self._total, self._done = share, sum(share.values()), 0.0
+    def __init__(self, share: dict[str, float], *, clock: Callable[[], float] = time.monotonic) -> None:
+        self._share, self._total, self._done, self._clock = share, sum(share.values()), 0.0, clock
         self._stage, self._count, self._ended = "", 0, 0
-        self._begun = self._spoken = time.monotonic()
-        self._fresh = 0.0
+        self._begun = self._spoken = clock()
 
     def begin(self, stage: Stage) -> None:
         """A line for the stage."""
         self._stage, self._count, self._ended = stage.title, len(stage.cases), 0
         click.echo(f"{stage.title}: {len(stage.cases)} insertions", err=True)
 
-    def ended(self, outcome: Outcome, *, fresh: bool) -> None:
+    def ended(self, outcome: Outcome) -> None:
         """A line now and then."""
         self._ended += 1
-        seconds, now = self._share.get(outcome.case.id, 0.0), time.monotonic()
-        self._done += seconds
-        self._fresh += seconds if fresh else 0.0
+        self._done += self._share.get(outcome.case.id, 0.0)
+        now = self._clock()
         if now - self._spoken < LINE_EVERY_S and self._ended < self._count:
             return
         self._spoken = now
-        pace = (now - self._begun) / self._fresh if self._fresh else 1.0
-        left = minutes(pace * max(0.0, self._total - self._done))
-        share = f"{100 * self._done / self._total:.0f} %, about {left} left"
-        click.echo(f"{self._stage}: {self._ended} of {self._count}; {share}", err=True)
+        click.echo(f"{self._stage}: {self._ended} of {self._count}{self._left(now)}", err=True)
+
+    def _left(self, now: float) -> str:
+        """At the pace since the beginning, once there is one."""
+        if not self._done:
+            return ""
+        left = (self._total - self._done) / self._done * (now - self._begun)
+        return f"; {100 * self._done / self._total:.0f} %, about {minutes(left)} left"
 
     def say(self, text: str) -> None:
         """The text."""
@@ -89,7 +98,7 @@ class Bar:
         self._title, self._count, self._ended = stage.title, len(stage.cases), 0
         self._progress.update(self._task, description=f"{stage.title} 0/{self._count}")
 
-    def ended(self, outcome: Outcome, *, fresh: bool) -> None:  # noqa: ARG002  (a listener's signature)
+    def ended(self, outcome: Outcome) -> None:
         """Move the bar by the estimated seconds of the insertion."""
         self._ended += 1
         done = self._share.get(outcome.case.id, 0.0)

@@ -51,8 +51,8 @@ class ProgressListener(Protocol):
     def begin(self, stage: Stage) -> None:
         """A stage begins."""
 
-    def ended(self, outcome: Outcome, *, fresh: bool) -> None:
-        """An insertion of it has ended; fresh: it was run now, not read from the folder."""
+    def ended(self, outcome: Outcome) -> None:
+        """An insertion of it has ended, now or in an earlier run."""
 
     def say(self, text: str) -> None:
         """Something else happens."""
@@ -147,15 +147,13 @@ class PaperRun:
 
     def _run(self, cases: Sequence[Case], *, alone: bool) -> Iterator[Outcome]:
         """Run what is not in the folder yet, and report everything to the listener."""
-        new: set[str] = set()
 
         def fresh(left: Sequence[Case]) -> Iterator[Outcome]:
-            new.update(case.id for case in left)
             with closing(self.crew.run_many(left, alone=alone)) as outcomes:
                 yield from outcomes
 
         for outcome in self.folder.cached(fresh)(cases):
-            self.listener.ended(outcome, fresh=outcome.case.id in new)
+            self.listener.ended(outcome)
             yield outcome
 
     def begin(self, stage: Stage) -> None:

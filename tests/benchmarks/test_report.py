@@ -35,9 +35,9 @@ def report(**figures: tuple[str, list[float]]) -> dict[str, Any]:
 def test_median_iqr_and_target() -> None:
     made = figure("start.warm_s", "s", [1.0, 2.0, 3.0, 4.0, 100.0])
     assert (made.median, made.iqr, made.met) == (3.0, 2.0, False)
-    assert figure("start.warm_s", "s", [2.5]).met is True
-    assert figure("realtime.line", "x", [2.9], better="higher").met is False
-    assert figure("realtime.line", "x", [3.0], better="higher").met is True
+    assert figure("start.warm_s", "s", [1.0]).met is True
+    assert figure("realtime.line", "x", [3.9], better="higher").met is False
+    assert figure("realtime.line", "x", [4.0], better="higher").met is True
     assert figure("unknown", "s", [2.5]).met is None
     assert figure("unknown", "s", [2.5], target=Target(2.0)).met is False
 
@@ -50,7 +50,7 @@ def test_what_was_not_measured_has_no_value_and_says_why() -> None:
         "runs": 0,
         "unit": "s",
         "better": "lower",
-        "target": {"at_most": 40.0},
+        "target": {"at_most": 15.0},
         "met": None,
         "note": "left out",
     }
@@ -60,19 +60,21 @@ def test_what_was_not_measured_has_no_value_and_says_why() -> None:
 def test_targets_are_those_of_the_specification() -> None:
     bounds = {key: (target.sense, target.bound) for key, target in TARGETS.items()}
     assert bounds == {
-        "step.line.plant_in_limits": ("at_most", 1.5),
-        "step.sine.plant_in_limits": ("at_most", 2.5),
-        "step.line.in_limits": ("at_most", 2.0),
-        "step.sine.in_limits": ("at_most", 3.0),
+        "step.line.plant_in_limits": ("at_most", 0.9),
+        "step.sine.plant_in_limits": ("at_most", 1.0),
+        "step.line.in_limits": ("at_most", 1.1),
+        "step.sine.in_limits": ("at_most", 1.2),
+        "step.sine.exact_in_limits": ("at_most", 15.0),
         "jacobian.perturbation.in_limits": ("at_most", 12.0),
-        "realtime.line": ("at_least", 3.0),
-        "realtime.sine": ("at_least", 2.0),
+        "realtime.line": ("at_least", 4.0),
+        "realtime.sine": ("at_least", 4.0),
         "step.sine.p99_over_median": ("at_most", 5.0),
         "scaling.depth.ratio": ("at_most", 1.5),
         "recording.ratio": ("at_most", 1.05),
+        "recording.realtime": ("at_least", 3.8),
         "throughput.two_over_one": ("at_least", 1.9),
-        "start.warm_s": ("at_most", 2.5),
-        "start.cold_s": ("at_most", 40.0),
+        "start.warm_s": ("at_most", 1.0),
+        "start.cold_s": ("at_most", 15.0),
         "memory.1617_mb": ("at_most", 400.0),
         "memory.4743_mb": ("at_most", 700.0),
     }
@@ -82,7 +84,7 @@ def test_tables_as_markdown() -> None:
     made = Table("t", ("name", "value"), (("a", 1.23456), ("b", None)))
     assert made.markdown() == "| name | value |\n| --- | ---: |\n| a | 1.235 |\n| b | - |\n"
     row = figure_table({"p": Part((figure("start.warm_s", "s", [3.0]),))}).rows[0]
-    assert row == ("start.warm_s", 3.0, None, 1, "s", "<= 2.5", "missed", "")
+    assert row == ("start.warm_s", 3.0, None, 1, "s", "<= 1", "missed", "")
 
 
 # ---- the report

@@ -8,6 +8,7 @@ import sys
 import time
 from typing import TYPE_CHECKING
 
+import numpy as np
 import pytest
 from click.testing import CliRunner
 
@@ -17,8 +18,9 @@ from benchmarks.performance.environments import environments
 from benchmarks.performance.kernels import micro
 from benchmarks.performance.probe import ProbeError, probe
 from benchmarks.performance.recording_cost import recording
-from benchmarks.performance.scaling import fitted_exponent, scaling
+from benchmarks.performance.scaling import MeshSweep, fitted_exponent, scaling, sofa_figures, sofa_ms
 from benchmarks.performance.start_and_memory import start
+from benchmarks.performance.step_clock import TimedRun
 from benchmarks.performance.step_profile import METHODS, PYTHON, Stages, patch_kernels, profile
 from benchmarks.performance.throughput import throughput
 from benchmarks.performance.whole_step import step
@@ -145,6 +147,27 @@ def test_scaling(ports: BenchPorts) -> None:
     assert limit is not None
     assert target.bound == pytest.approx(limit + 0.1)
     assert set(part.files) == {"scaling.svg"}
+    over_nodes, over_depth = part.tables
+    assert keys(part) >= {f"scaling.hard.{row[0]}.plant_ms" for row in over_nodes.rows}
+    assert all(row[0] < 1080 and row[-2:] == (None, None) for row in over_nodes.rows)  # coarser than what SOFA ran on
+    assert [row[0] for row in over_depth.rows] == [4.0, 11.0]
+
+
+def test_the_step_of_sofa_lies_on_the_power_laws_between_its_sizes() -> None:
+    assert sofa_ms(1080) == pytest.approx(46.0)
+    assert sofa_ms(7980) == pytest.approx(2687.0)
+    middle = sofa_ms(round((1080 * 2112) ** 0.5))
+    assert middle is not None
+    assert middle == pytest.approx((46.0 * 182.0) ** 0.5, rel=1e-3)
+    assert sofa_ms(765) is None
+    assert sofa_ms(9000) is None
+
+
+def test_the_ratio_to_sofa_is_of_the_plant_step_and_of_meshes_within_its_sizes() -> None:
+    some = np.full(4, 0.001)
+    runs = [[TimedRun(9.0 * some, 2.0 * some, some, some, limit_s=0.001, dt_s=0.01)] for _ in range(3)]
+    found = sofa_figures(MeshSweep([765, 1080, 9000], runs))
+    assert [(one.key, one.values, one.better) for one in found] == [("scaling.sofa.1080.ratio", (23.0,), "higher")]
 
 
 def test_the_exponent_of_a_power_law() -> None:
