@@ -21,6 +21,7 @@ RESULTS = Path(__file__).parents[2] / "benchmarks" / "results"
 Row = dict[str, str]
 Json = dict[str, Any]
 
+FAILED = error_text(None)
 VERDICTS = ("reproduced", "not reproduced under our assumptions", "undecided")
 
 
@@ -70,7 +71,12 @@ def _of_score(score: Json) -> list[Row]:
 
 
 def _ratio(score: Json) -> str:
-    return "1" if score["ratio"] is None else f"{score['ratio']:.3f}"
+    return FAILED if score["ratio"] is None else f"{score['ratio']:.3f}"
+
+
+def _quartiles(score: Json) -> str:
+    low, high = error_text(score["q1_mm"]), error_text(score["q3_mm"])
+    return low if low == high == FAILED else f"{low}–{high}"
 
 
 def summary() -> str:
@@ -106,7 +112,7 @@ def paper_scores() -> str:
                 str(score["insertions"]),
                 percent(score["stable"]),
                 error_text(score["median_mm"]),
-                f"{error_text(score['q1_mm'])}–{error_text(score['q3_mm'])}",
+                _quartiles(score),
                 error_text(score["max_mm"]),
                 percent(score["within_1mm"]),
                 _ratio(score),

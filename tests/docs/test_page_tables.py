@@ -123,10 +123,20 @@ def test_what_the_page_says_of_the_rerun_can_be_counted_again() -> None:
     text = " ".join((DOCS / "results.md").read_text().split())
     with (RESULTS / "paper" / "insertions.csv").open(newline="") as file:
         rows = list(csv.DictReader(file))
-    assert f"{len(rows):,} insertions of one commit" in text
-    assert {row["status"] for row in rows} == {"completed"}
+    report = json.loads((RESULTS / "paper" / "report.json").read_text())
+    first, second = report["provenance"]["insertions_by_commit"].values()
+    assert f"{len(rows):,} insertions at the scale `full`" in text
+    assert f"{first:,} of commit b58d6d3 on 2026-11-30, and {second:,} of 37eaf59" in text
+    failed = [row for row in rows if row["status"] != "completed"]
+    quiet = [row for row in rows if row["arm"] == "elm_quiet"]
+    lost = [row for row in quiet if row["status"] != "completed"]
+    other = sorted((row["purpose"], row["value"]) for row in failed if row["arm"] != "elm_quiet")
+    assert other == [("seeds", ""), ("sensitivity", "no target noise")]
+    assert f"Of all others {len(failed)} did: {len(lost)} of {len(quiet)} of the ELM" in text
+    assert f"reaches {sum(row['success'] == 'yes' for row in quiet)} of its end points" in text
+    main = [row for row in rows if row["purpose"] == "main" and row["arm"] in ("ifem", "elm")]
     curved = {
-        arm: [row for row in rows if (row["group"], row["arm"], row["young"]) == ("CUR", arm, "constant")]
+        arm: [row for row in main if (row["group"], row["arm"], row["young"]) == ("CUR", arm, "constant")]
         for arm in ("ifem", "elm")
     }
     stress = {arm: [float(row["max_needle_stress_mpa"]) for row in found] for arm, found in curved.items()}
@@ -135,8 +145,11 @@ def test_what_the_page_says_of_the_rerun_can_be_counted_again() -> None:
     assert f"the ELM {reached[0][1]} and {reached[1][1]}" in text
     largest = max(float(row["rmse_commanded_mm"]) for row in curved["ifem"])
     assert f"the largest RMSE of I-FEM's 400 insertions is {largest:.3f} mm" in text
-    ends = json.loads((RESULTS / "paper" / "report.json").read_text())["directions"]
-    assert all(one["clusters_below"] == one["clusters"] == 100 for one in ends)
+    assert all(one["clusters_below"] == one["clusters"] == 100 for one in report["directions"])
+    assert f"{min(float(row['min_det_f']) for row in main):.1f}" == "0.9"
+    seeds = {one["group"]: one for one in report["seeds"]["shares"]}
+    lin, cur = ([f"{seeds[group][key]:.3f}" for key in ("low_mm", "high_mm")] for group in ("LIN", "CUR"))
+    assert f"medians of {lin[0]} to {lin[1]} mm and {cur[0]} to {cur[1]}" in text
 
 
 def test_both_meshes_are_compared_along_the_same_paths() -> None:
