@@ -6,7 +6,7 @@ import math
 from typing import TYPE_CHECKING, Any
 from xml.sax.saxutils import escape
 
-from benchmarks.paper.table import ALL, GROUPS, arm_name, in_order
+from benchmarks.paper.table import ALL, GROUPS, QUIET_ARM, arm_name, in_order
 from benchmarks.svg_plot import COLOURS, PALE, Axis, BoxMark, Line, Panel, fitted_axis, number, picture, svg, text
 
 if TYPE_CHECKING:
@@ -14,8 +14,25 @@ if TYPE_CHECKING:
 
 Json = dict[str, Any]
 
-COLOUR_OF = {"ifem": 0, "elm": 1, "frozen": 2, "linear": 3, "neighbours": 4, "mlp": 5, "open_loop": 6, "rigid": 7}
-SHORT = {"frozen": "frozen J", "linear": "linear", "neighbours": "k-NN", "mlp": "MLP", "rigid": "rigid"}
+COLOUR_OF = {
+    "ifem": 0,
+    "elm": 1,
+    "frozen": 2,
+    "linear": 3,
+    "neighbours": 4,
+    "mlp": 5,
+    "open_loop": 6,
+    "rigid": 7,
+    QUIET_ARM: 1,
+}
+SHORT = {
+    QUIET_ARM: "quiet ELM",
+    "frozen": "frozen J",
+    "linear": "linear",
+    "neighbours": "k-NN",
+    "mlp": "MLP",
+    "rigid": "rigid",
+}
 PAPER_ARMS = ("ifem", "elm", "open_loop", "rigid")
 BINS_MM = (0.1, 0.25, 0.5, 1.0)  # upper bounds of the map's colours; the last colour is above
 SHADES = ("#d3e5dc", "#93c7b4", "#4a9d8e", "#1d6f73", "#16384f")  # q0 ... q4

@@ -22,7 +22,7 @@ def millimetres(value: float) -> str:
 
 def error_text(value: float | None) -> str:
     """An error in mm for a column, one more digit below ten micrometres; None, which JSON has for it, is a failure."""
-    return "failed" if value is None else f"{value:.4f}" if value < 0.01 else f"{value:.3f}"
+    return "failed" if value is None else f"{value:.4f}" if abs(value) < 0.01 else f"{value:.3f}"
 
 
 def signed_text(value: float) -> str:

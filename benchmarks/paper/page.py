@@ -55,7 +55,7 @@ def render(template: str, **content: Any) -> str:
     environment.filters.update(mm=mm, percent=percent, p=p_value, arm=arm_name, interval=interval, signed=signed)
     environment.filters.update(share=share, ms=milliseconds, condition=condition)
     environment.filters.update(plain=plain)
-    environment.globals.update(BESIDE=BESIDE)
+    environment.globals.update(BESIDE=BESIDE, quartiles=quartiles)
     environment.filters.update(change=change, change_interval=change_interval)
     page: str = environment.get_template(template).render(**content)
     return page
@@ -91,8 +91,8 @@ def condition(young: str, noise: str) -> str:
 
 
 def mm(value: float | None, absent: str = ABSENT) -> str:
-    """Millimetres to the micrometre."""
-    return absent if value is None else f"{value:.3f}"
+    """Millimetres to the micrometre, one more digit below ten."""
+    return absent if value is None else number_text.error_text(value)
 
 
 def plain(value: float | None, digits: int) -> str:
@@ -120,10 +120,15 @@ def percent(value: float | None, digits: int = 1) -> str:
     return f"{text.rstrip('0').rstrip('.') if '.' in text else text} %"
 
 
-def interval(ends: list[float | None], digits: int = 3) -> str:
-    """[low, high]; an open end is a failure."""
-    low, high = ("failed" if end is None else f"{end:.{digits}f}".replace("-", "−") for end in ends)
-    return f"[{low}, {high}]"
+def interval(ends: list[float | None], digits: int | None = None) -> str:
+    """[low, high], as errors are written or with so many digits; an open end is a failure."""
+    low, high = (number_text.error_text(end) if end is None or digits is None else f"{end:.{digits}f}" for end in ends)
+    return f"[{low}, {high}]".replace("-", "−")
+
+
+def quartiles(low: float | None, high: float | None) -> str:
+    """The range between, one word where both are failures."""
+    return "failed" if low is None and high is None else f"{mm(low, 'failed')} – {mm(high, 'failed')}"
 
 
 def change(contrast: Json) -> str:

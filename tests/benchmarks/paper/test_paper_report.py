@@ -209,7 +209,8 @@ def test_all_failed_groups_are_written_as_failed() -> None:
     times = [Outcome(o.case, {"status": "not_converged"}) for o in timings()]
     report = document(outcomes, timing=times)
     text = Page(html(report)).text
-    assert "failed – failed" in text
+    assert text.count("failed") > 2 * len(report["scores"])  # median and quartiles of each
+    assert "failed – failed" not in text
     assert "None" not in text
     assert not re.search(r"\bnan\b", text)
     assert "| failed (failed to failed) |" in main_table_markdown(report)
