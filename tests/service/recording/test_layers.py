@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from service.recording.colors import level_colors
-from service.recording.layers import SectionStrain
+from service.recording.layers import SectionStrain, eigenvalues
 from service.recording.legend import FORCE_ARROW_M_PER_N
 from service.recording.observer import RerunObserver
 from service.recording.section import section
@@ -38,6 +38,16 @@ def test_a_rotation_strains_nothing_and_a_stretch_everywhere_alike() -> None:
     stretched, stress_pa = strain.values(nodes * [1.0, 1.0, 1.2])
     np.testing.assert_allclose(stretched, 0.2, rtol=1e-9)
     np.testing.assert_allclose(stress_pa, 2.0 * strain.shear_pa * 0.2, rtol=1e-9)
+
+
+def test_eigenvalues_of_any_symmetric_matrices_even_with_equal_ones() -> None:
+    rng = np.random.default_rng(3)
+    some = rng.normal(size=(200, 3, 3))
+    turns = np.linalg.qr(some)[0]
+    made = [np.diag(d) for d in ([1.0, 1.0, 1.0], [0.5, 1.0, 1.0], [1.0, 1.0, 1.3], [0.0, 0.0, 0.0])]
+    equal = np.array([turn @ matrix @ turn.T for turn in turns[:20] for matrix in made])
+    matrices = np.concatenate([some.transpose(0, 2, 1) @ some, np.eye(3)[None], equal])
+    np.testing.assert_allclose(eigenvalues(matrices), np.linalg.eigvalsh(matrices).T, atol=1e-7)
 
 
 def test_the_stress_is_that_of_the_tissue_in_the_tetrahedra_of_the_section() -> None:

@@ -7,7 +7,7 @@ import json
 import socket
 import threading
 import time
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -64,7 +64,7 @@ def controller(address: str, answer: Answer, heard: list[Said] | None = None) ->
     """A thread that connects and answers each message; leaves when it is told the end or hung up on."""
 
     def serve() -> None:
-        with connected(address) as link, link.makefile("rb") as lines:
+        with suppress(ConnectionError), connected(address) as link, link.makefile("rb") as lines:
             for line in lines:
                 said = json.loads(line)
                 if heard is not None:
