@@ -108,8 +108,16 @@ function exchange(fresh) {
   focused?.focus({ preventScroll: true });
 }
 
-/** Nobody looks, or somebody is asked something whose button is in the page. */
-const busy = () => document.hidden || document.querySelector("dialog[open]") !== null;
+/** Nobody looks, or somebody is asked something whose button is in the page, or presses what may be exchanged: a link
+ * that is replaced between press and release is never clicked. */
+const busy = () => document.hidden || pressed || document.querySelector("dialog[open]") !== null;
+
+let pressed = false;
+const release = () => setTimeout(() => { pressed = false; if (due) refresh(); });
+document.addEventListener("pointerdown", () => { pressed = true; }, true);
+document.addEventListener("pointerup", release, true);
+document.addEventListener("pointercancel", release, true);
+window.addEventListener("blur", release);
 
 const CONTROLS = "a, button, summary, input, select";
 const controls = (part) => [...part.querySelectorAll(CONTROLS)];
