@@ -231,3 +231,16 @@ def test_the_cron_line_is_read_while_it_is_typed(page: Page) -> None:
     assert words.inner_text().count(" 06:30") == 3 + 1
     page.get_by_label("Cron line").fill("30 66 * * 1-5")
     until(lambda: words.inner_text() == "")
+
+
+def test_a_link_is_not_exchanged_while_it_is_pressed(page: Page, server: Server) -> None:
+    job = server.client.submit({"name": "pressed"})
+    server.client.wait(job.id)
+    page.locator(f"tr[data-key='{job.id}']").get_by_role("link", name="pressed").hover()
+    page.mouse.down()
+    arrived = server.client.submit({"name": "arrives meanwhile"})
+    server.client.wait(arrived.id)
+    page.wait_for_timeout(2000)  # the list would have followed by now
+    assert page.locator(f"tr[data-key='{arrived.id}']").count() == 0
+    page.mouse.up()
+    page.wait_for_url(f"**/jobs/{job.id}")

@@ -180,19 +180,6 @@ def test_the_list_follows_jobs_and_filters(page: Page, server: Server) -> None:
     assert page.locator("#jobs .state:not(.cancelled)").count() == 0
 
 
-def test_a_link_is_not_exchanged_while_it_is_pressed(page: Page, server: Server) -> None:
-    job = server.client.submit({"name": "pressed"})
-    server.client.wait(job.id)
-    page.locator(f"tr[data-key='{job.id}']").get_by_role("link", name="pressed").hover()
-    page.mouse.down()
-    arrived = server.client.submit({"name": "arrives meanwhile"})
-    server.client.wait(arrived.id)
-    page.wait_for_timeout(2000)  # the list would have followed by now
-    assert page.locator(f"tr[data-key='{arrived.id}']").count() == 0
-    page.mouse.up()
-    page.wait_for_url(f"**/jobs/{job.id}")
-
-
 def test_an_error_is_told_in_words_and_a_job_is_deleted_after_a_question(page: Page, server: Server) -> None:
     job = server.client.submit({"name": "broken"})
     page.goto(f"/jobs/{job.id}")
